@@ -1,0 +1,37 @@
+# Two commands: `make demo` runs the main job, `make test` runs every gate. Both install what they need, once.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint types imports pytest fast caps clean
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[synthesis,photos,dev]'
+	touch $@
+
+demo: $(VENV)/.installed
+	$(BIN)/python -m neural_strands.cli demo demo_out
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.installed
+	$(BIN)/pyright
+
+imports: $(VENV)/.installed
+	$(BIN)/lint-imports
+
+pytest: $(VENV)/.installed
+	$(BIN)/python -m pytest
+
+# The tests without those marked slow, for the edit-and-run loop.
+fast: $(VENV)/.installed
+	$(BIN)/python -m pytest -m 'not slow'
+
+test: lint types imports pytest
+
+clean:
+	rm -rf demo_out .pytest_cache .ruff_cache

@@ -1,0 +1,5 @@
+"""The command line: one module a verb; the only place that parses arguments, seeds, and picks a device."""
+
+from neural_strands.cli.main import main
+
+__all__ = ["main"]

@@ -1,0 +1,48 @@
+"""Entry point: picks the verb, runs it, and turns bad input into one sentence."""
+
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import Protocol
+
+import tyro
+
+from neural_strands.foundation.errors import InputError
+
+COMMANDS = {
+    "info": "neural_strands.cli.info:Info",
+}
+"""Each verb and the dataclass that holds its arguments."""
+
+
+class Command(Protocol):
+    """A parsed verb."""
+
+    def run(self) -> None:
+        """Do the work; raises InputError for bad input."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status: 0 done, 2 bad input."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    named = words[0] if words and words[0] in COMMANDS else None
+    commands = {name: _load(COMMANDS[name]) for name in COMMANDS if named in (None, name)}
+    try:
+        command: Command = (
+            tyro.cli(commands[named], prog=f"neural-strands {named}", args=words[1:])
+            if named
+            else tyro.extras.subcommand_cli_from_dict(commands, prog="neural-strands", args=words)
+        )
+        command.run()
+    except InputError as error:
+        sys.stderr.write(f"neural-strands: {error}\n")
+        return 2
+    except KeyboardInterrupt:
+        sys.stderr.write("neural-strands: stopped; finished parts are kept.\n")
+        return 130
+    return 0
+
+
+def _load(location: str) -> type:
+    module, _, name = location.partition(":")
+    return getattr(importlib.import_module(module), name)

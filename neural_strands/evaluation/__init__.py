@@ -1,0 +1,1 @@
+"""Geometry and image metrics, timing, and the report."""

@@ -1,0 +1,68 @@
+"""Launching Warp kernels over torch tensors, on CPU and CUDA from one source.
+
+Warp runs a kernel on one CPU thread. A kernel whose threads write only their own outputs may be split: it takes the
+first index as its first argument (`start`) and adds it to `wp.tid()`. Kernels that use atomics must not be split.
+"""
+
+import functools
+import itertools
+import logging
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+SMALLEST_SHARE = 1024
+"""Fewer items than this a thread are not worth a second thread."""
+
+
+@functools.cache
+def start_warp() -> None:
+    """Initialise Warp once, its log kept to errors: it writes to standard output, where results belong."""
+    wp.config.log_level = logging.ERROR
+    wp.init()
+
+
+def array(tensor: Tensor, dtype: Any = None) -> wp.array:
+    """View a tensor as a Warp array without a copy (made contiguous first); no gradient passes through."""
+    start_warp()
+    return wp.from_torch(tensor.detach().contiguous(), dtype=dtype, requires_grad=False)
+
+
+def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
+    """Run `kernel` for `count` items on one thread (CPU) or the current torch stream (CUDA)."""
+    device = torch.device(device)
+    if count == 0:
+        return
+    if device.type == "cuda":
+        stream = wp.stream_from_torch(torch.cuda.current_stream(device))
+        wp.launch(kernel, dim=count, inputs=list(inputs), device=wp.device_from_torch(device), stream=stream)
+        return
+    wp.launch(kernel, dim=count, inputs=list(inputs), device="cpu")
+
+
+def launch_split(kernel: wp.Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
+    """Run a kernel that takes `start` first, its items shared between torch's CPU threads."""
+    device = torch.device(device)
+    shares = min(torch.get_num_threads(), count // SMALLEST_SHARE)
+    if device.type == "cuda" or shares < 2:
+        launch(kernel, count, [0, *inputs], device)
+        return
+    load(kernel, device)
+    bounds = [count * share // shares for share in range(shares + 1)]
+    with ThreadPoolExecutor(shares) as pool:
+        parts = [
+            pool.submit(wp.launch, kernel, dim=last - first, inputs=[first, *inputs], device="cpu")
+            for first, last in itertools.pairwise(bounds)
+        ]
+        for part in parts:
+            part.result()
+
+
+def load(kernel: wp.Kernel, device: torch.device | str) -> None:
+    """Compile and load a kernel's module now (cached between processes) rather than at its first launch."""
+    device = torch.device(device)
+    kernel.module.load("cpu" if device.type == "cpu" else wp.device_from_torch(device))

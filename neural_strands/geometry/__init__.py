@@ -1,0 +1,1 @@
+"""Pure maths of cameras, strands, frames, meshes and neighbours (conventions: docs/conventions.md)."""

@@ -1,0 +1,174 @@
+"""Pinhole cameras: OpenCV axes (x right, y down, z forward), intrinsics in pixels, pixel centres at +0.5."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+OPENGL_TO_OPENCV = (1.0, -1.0, -1.0, 1.0)
+"""Diagonal that turns OpenGL camera axes (y up, z backward) into OpenCV's, and back."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One calibrated view.
+
+    Attributes:
+        intrinsics: fx, fy, cx, cy and skew in pixels; the centre of the top-left pixel is (0.5, 0.5).
+        world_to_camera: rigid transform from world metres to camera metres.
+        width: image width in pixels.
+        height: image height in pixels.
+        name: what messages and files call this view.
+    """
+
+    intrinsics: Float[Tensor, "3 3"]
+    world_to_camera: Float[Tensor, "4 4"]
+    width: int
+    height: int
+    name: str = ""
+
+    @classmethod
+    def from_opengl(
+        cls,
+        camera_to_world: Float[Tensor, "4 4"],
+        intrinsics: Float[Tensor, "3 3"],
+        size: tuple[int, int],
+        name: str = "",
+    ) -> "Camera":
+        """Build from a nerfstudio/Blender camera-to-world matrix (y up, z backward); `size` is width, height."""
+        flip = torch.diag(camera_to_world.new_tensor(OPENGL_TO_OPENCV))
+        return cls(intrinsics, rigid_inverse(camera_to_world @ flip), size[0], size[1], name)
+
+    @classmethod
+    def from_colmap(
+        cls,
+        quaternion: Float[Tensor, "4"],
+        translation: Float[Tensor, "3"],
+        intrinsics: Float[Tensor, "3 3"],
+        size: tuple[int, int],
+        name: str = "",
+    ) -> "Camera":
+        """Build from COLMAP's world-to-camera quaternion (w, x, y, z) and translation; `size` is width, height."""
+        transform = torch.eye(4, dtype=quaternion.dtype, device=quaternion.device)
+        transform[:3, :3] = quaternion_to_matrix(quaternion)
+        transform[:3, 3] = translation
+        return cls(intrinsics, transform, size[0], size[1], name)
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: Float[Tensor, "3"],
+        target: Float[Tensor, "3"],
+        focal: float,
+        size: tuple[int, int],
+        name: str = "",
+    ) -> "Camera":
+        """Place a camera at `eye` facing `target`, world y up; `focal` in pixels, `size` is width, height."""
+        forward = torch.nn.functional.normalize(target - eye, dim=0)
+        up = eye.new_tensor([0.0, 1.0, 0.0])
+        if forward[1].abs() > 0.999:
+            up = eye.new_tensor([0.0, 0.0, -1.0])
+        right = torch.nn.functional.normalize(torch.linalg.cross(forward, up), dim=0)
+        down = torch.linalg.cross(forward, right)
+        rotation = torch.stack([right, down, forward])
+        transform = torch.eye(4, dtype=eye.dtype, device=eye.device)
+        transform[:3, :3] = rotation
+        transform[:3, 3] = -rotation @ eye
+        return cls(pinhole(focal, size).to(eye), transform, size[0], size[1], name)
+
+    @property
+    def rotation(self) -> Float[Tensor, "3 3"]:
+        """World to camera rotation."""
+        return self.world_to_camera[:3, :3]
+
+    @property
+    def position(self) -> Float[Tensor, "3"]:
+        """Optical centre in world metres."""
+        return -self.rotation.T @ self.world_to_camera[:3, 3]
+
+    @property
+    def camera_to_world(self) -> Float[Tensor, "4 4"]:
+        """The inverse rigid transform, OpenCV axes."""
+        return rigid_inverse(self.world_to_camera)
+
+    @property
+    def opengl_camera_to_world(self) -> Float[Tensor, "4 4"]:
+        """The camera-to-world matrix that nerfstudio and Blender write (y up, z backward)."""
+        return self.camera_to_world @ torch.diag(self.world_to_camera.new_tensor(OPENGL_TO_OPENCV))
+
+    def to(self, device: torch.device | str) -> "Camera":
+        """Move both matrices to `device`."""
+        return replace(self, intrinsics=self.intrinsics.to(device), world_to_camera=self.world_to_camera.to(device))
+
+    def transform(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """World metres to camera metres."""
+        return points @ self.rotation.T + self.world_to_camera[:3, 3]
+
+    def project(self, points: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch 2"], Float[Tensor, "*batch"]]:
+        """Project world points to pixels and depth along the optical axis (metres; behind where not positive).
+
+        A point on the plane of the camera itself has no image: it comes back infinite or NaN, and its depth says so.
+        """
+        in_camera = self.transform(points)
+        homogeneous = in_camera @ self.intrinsics.T
+        return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
+
+    def unproject(self, pixels: Float[Tensor, "*batch 2"], depth: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
+        """Lift pixels at a depth along the optical axis (metres) to world points."""
+        homogeneous = torch.cat([pixels, torch.ones_like(pixels[..., :1])], dim=-1)
+        in_camera = (homogeneous @ torch.linalg.inv(self.intrinsics).T) * depth[..., None]
+        return (in_camera - self.world_to_camera[:3, 3]) @ self.rotation
+
+    def rays(self, pixels: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 3"]:
+        """Unit world directions from the optical centre through `pixels`."""
+        homogeneous = torch.cat([pixels, torch.ones_like(pixels[..., :1])], dim=-1)
+        directions = homogeneous @ (torch.linalg.inv(self.intrinsics).T @ self.rotation)
+        return torch.nn.functional.normalize(directions, dim=-1)
+
+    def pixel_centres(self) -> Float[Tensor, "height width 2"]:
+        """The coordinates of every pixel's centre."""
+        x = torch.arange(self.width, device=self.intrinsics.device, dtype=self.intrinsics.dtype) + 0.5
+        y = torch.arange(self.height, device=self.intrinsics.device, dtype=self.intrinsics.dtype) + 0.5
+        return torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
+
+    def footprint(self, depth: float) -> float:
+        """Width in metres that one pixel covers at `depth` metres."""
+        focal = 0.5 * (self.intrinsics[0, 0] + self.intrinsics[1, 1])
+        return depth / float(focal)
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """The same view sampled with another number of pixels."""
+        scale = torch.diag(self.intrinsics.new_tensor([width / self.width, height / self.height, 1.0]))
+        return replace(self, intrinsics=scale @ self.intrinsics, width=width, height=height)
+
+
+def pinhole(focal: float, size: tuple[int, int]) -> Float[Tensor, "3 3"]:
+    """Intrinsics with square pixels and the principal point in the middle; `focal` in pixels."""
+    width, height = size
+    return torch.tensor([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+
+
+def rigid_inverse(transform: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
+    """Invert a rotation and translation without a general solve."""
+    inverse = torch.eye(4, dtype=transform.dtype, device=transform.device)
+    inverse[:3, :3] = transform[:3, :3].T
+    inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return inverse
+
+
+def quaternion_to_matrix(quaternion: Float[Tensor, "4"]) -> Float[Tensor, "3 3"]:
+    """Rotation matrix of a quaternion (w, x, y, z), normalised first."""
+    w, x, y, z = torch.nn.functional.normalize(quaternion, dim=0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row) for row in rows])
+
+
+def mean_position(cameras: Sequence[Camera]) -> Float[Tensor, "3"]:
+    """Average optical centre of several cameras."""
+    return torch.stack([camera.position for camera in cameras]).mean(dim=0)

@@ -1,0 +1,41 @@
+"""Orthonormal frames: tangent, bitangent and normal as the columns of a rotation from local to world."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def orthonormal_frames(
+    normals: Float[Tensor, "*batch 3"], tangents: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, "*batch 3 3"]:
+    """Frames whose columns are tangent, bitangent, normal; right-handed (T x B = N).
+
+    The normal is kept, the tangent is made orthogonal to it (Gram-Schmidt). A tangent parallel to its normal, or
+    zero, is replaced by the world axis least aligned with the normal.
+    """
+    normal = torch.nn.functional.normalize(normals, dim=-1)
+    fallback = torch.nn.functional.one_hot(normal.abs().argmin(dim=-1), 3).to(normal)
+    tangent = tangents - (tangents * normal).sum(-1, keepdim=True) * normal
+    degenerate = tangent.norm(dim=-1, keepdim=True) < 1e-6 * tangents.norm(dim=-1, keepdim=True).clamp(min=1e-12)
+    other = fallback - (fallback * normal).sum(-1, keepdim=True) * normal
+    tangent = torch.nn.functional.normalize(torch.where(degenerate, other, tangent), dim=-1)
+    bitangent = torch.linalg.cross(normal, tangent, dim=-1)
+    return torch.stack([tangent, bitangent, normal], dim=-1)
+
+
+def to_local(
+    points: Float[Tensor, "strand point 3"],
+    origins: Float[Tensor, "strand 3"],
+    frames: Float[Tensor, "strand 3 3"],
+) -> Float[Tensor, "strand point 3"]:
+    """World points to each root's frame (coordinates along tangent, bitangent, normal; the origin at the root)."""
+    return (points - origins[:, None]) @ frames
+
+
+def to_world(
+    points: Float[Tensor, "strand point 3"],
+    origins: Float[Tensor, "strand 3"],
+    frames: Float[Tensor, "strand 3 3"],
+) -> Float[Tensor, "strand point 3"]:
+    """Inverse of `to_local`."""
+    return points @ frames.transpose(-1, -2) + origins[:, None]

@@ -1,0 +1,55 @@
+"""Line segments: what multi-view stereo sees of the hair, without roots ("partial strands" in the paper)."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class LineSegments:
+    """Chains of oriented points in world metres.
+
+    Points of one segment follow each other, ordered along its direction of growth once growth is known.
+
+    Attributes:
+        points: positions.
+        directions: unit tangents; unsigned (sign arbitrary) until growth gives them one.
+        confidence: in [0, 1].
+        segment_id: the segment of each point, non-decreasing from 0.
+    """
+
+    points: Float[Tensor, "point 3"]
+    directions: Float[Tensor, "point 3"]
+    confidence: Float[Tensor, " point"]
+    segment_id: Int64[Tensor, " point"]
+
+    def __len__(self) -> int:
+        return self.points.shape[0]
+
+    @property
+    def segment_count(self) -> int:
+        """Number of chains."""
+        return int(self.segment_id[-1]) + 1 if len(self) else 0
+
+    def select(self, keep: Tensor) -> "LineSegments":
+        """Keep the points that a boolean or integer index names; ids are renumbered without gaps."""
+        kept_id = self.segment_id[keep]
+        _, renumbered = torch.unique_consecutive(kept_id, return_inverse=True)
+        return replace(
+            self,
+            points=self.points[keep],
+            directions=self.directions[keep],
+            confidence=self.confidence[keep],
+            segment_id=renumbered,
+        )
+
+    def to(self, device: torch.device | str) -> "LineSegments":
+        """Move every tensor to `device`."""
+        return LineSegments(
+            self.points.to(device),
+            self.directions.to(device),
+            self.confidence.to(device),
+            self.segment_id.to(device),
+        )

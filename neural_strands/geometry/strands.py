@@ -1,0 +1,66 @@
+"""Strands: dense polylines with the same number of points each, root first."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Strands:
+    """Rooted strands in world metres.
+
+    Attributes:
+        points: polylines, root first.
+        root_uv: where each root lies on the scalp chart, in [0, 1].
+        root_normal: outward unit normal of the scalp at each root.
+        width: full thickness at each point, metres.
+        color: linear RGB of each strand in [0, 1].
+    """
+
+    points: Float[Tensor, "strand point 3"]
+    root_uv: Float[Tensor, "strand 2"] | None = None
+    root_normal: Float[Tensor, "strand 3"] | None = None
+    width: Float[Tensor, "strand point"] | None = None
+    color: Float[Tensor, "strand 3"] | None = None
+
+    def __len__(self) -> int:
+        return self.points.shape[0]
+
+    @property
+    def points_per_strand(self) -> int:
+        """Number of points of every strand."""
+        return self.points.shape[1]
+
+    def select(self, index: Tensor) -> "Strands":
+        """Keep the strands that `index` (integers or booleans) names, with their attributes."""
+        kept = {
+            name: None if (value := getattr(self, name)) is None else value[index]
+            for name in ("points", "root_uv", "root_normal", "width", "color")
+        }
+        return replace(self, **kept)
+
+    def to(self, device: torch.device | str) -> "Strands":
+        """Move every tensor to `device`."""
+        moved = {
+            name: None if (value := getattr(self, name)) is None else value.to(device)
+            for name in ("points", "root_uv", "root_normal", "width", "color")
+        }
+        return replace(self, **moved)
+
+
+def segments(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point-1 3"]:
+    """Forward differences d_k = p_{k+1} - p_k."""
+    return points[:, 1:] - points[:, :-1]
+
+
+def directions(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point 3"]:
+    """Unit growth direction at each point: forward difference, the last point repeating the one before it."""
+    forward = torch.nn.functional.normalize(segments(points), dim=-1)
+    return torch.cat([forward, forward[:, -1:]], dim=1)
+
+
+def lengths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, " strand"]:
+    """Arc length of each polyline in metres."""
+    return segments(points).norm(dim=-1).sum(dim=-1)

@@ -1,0 +1,1 @@
+"""The hair model: scalp textures, alias-free UNet, compositing (paper, "Neural Strands")."""

@@ -1,0 +1,1 @@
+"""Differentiable image operators: lines, triangles, splat, texture, resample."""

@@ -1,0 +1,1 @@
+"""The head mesh, its scalp chart, and the roots of the strands with their frames."""

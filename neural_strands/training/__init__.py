@@ -1,0 +1,1 @@
+"""Losses, schedules, and the loops that train the prior and fit a capture."""
