@@ -1,0 +1,166 @@
+"""A capture: calibrated photographs of one head, with what is known beside them.
+
+A folder holds `transforms.json` or a COLMAP sparse model, the images, and optionally hair masks (`masks/`), person
+masks (`person_masks/`), `head.obj` (or .ply, .stl, .glb), `scalp_faces.json` and `ground_truth.npz`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from neural_strands.capture.colmap import find_sparse_model, read_colmap
+from neural_strands.capture.head_files import read_ground_truth, read_head, read_scalp_faces
+from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, to_unit
+from neural_strands.capture.transforms import read_transforms
+from neural_strands.capture.view import View
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+
+CACHE_BYTES = 512 * 1024**2
+"""Decoded images kept by default, in bytes as stored (a megapixel of 8-bit RGB takes 3 MB)."""
+
+HEAD_NAMES = ("head.obj", "head.ply", "head.stl", "head.glb")
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photographs with their cameras; images are decoded when asked for.
+
+    Attributes:
+        folder: where the capture lies.
+        views: the photographs in the order of the calibration.
+        cache: decoded images, shared by every subset of this capture.
+    """
+
+    folder: Path
+    views: tuple[View, ...]
+    cache: ImageCache = field(repr=False, compare=False)
+
+    @classmethod
+    def load(cls, folder: Path | str, cache_bytes: int = CACHE_BYTES) -> "Capture":
+        """Read the calibration of a folder; no image is decoded yet.
+
+        Args:
+            folder: holds `transforms.json`, or a COLMAP model in `sparse/0`, `sparse` or itself.
+            cache_bytes: how many bytes of decoded images and masks may be kept.
+
+        Raises:
+            InputError: there is no calibration, or it is wrong.
+        """
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise InputError(f"{folder}: expected a capture folder, came {'a file' if folder.exists() else 'nothing'}.")
+        if (folder / "transforms.json").is_file():
+            views = read_transforms(folder / "transforms.json")
+        elif (model := find_sparse_model(folder)) is not None:
+            views = read_colmap(folder, model)
+        else:
+            raise InputError(
+                f"{folder}: expected transforms.json or a COLMAP model (sparse/0/cameras.bin or .txt), found neither; "
+                "calibrate the photographs first, for instance with COLMAP."
+            )
+        return cls(folder, views, ImageCache(cache_bytes))
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The pinhole cameras of the undistorted images."""
+        return tuple(view.camera for view in self.views)
+
+    def subset(self, indices: Sequence[int]) -> "Capture":
+        """The same capture with only these views, in this order; the cache is shared."""
+        return replace(self, views=tuple(self.views[index] for index in indices))
+
+    def image(self, index: int) -> Float[Tensor, "height width 3"]:
+        """The undistorted photograph, sRGB in [0, 1]; transparent pixels lie over black.
+
+        Raises:
+            InputError: the file is missing, does not decode, or has another size than its camera.
+        """
+        return torch.from_numpy(to_unit(self._decode(self.views[index], "image")))
+
+    def hair_mask(self, index: int) -> Float[Tensor, "height width"] | None:
+        """Coverage of hair in [0, 1], undistorted; None without a mask.
+
+        Raises:
+            InputError: the file is missing, does not decode, or has another size than its camera.
+        """
+        view = self.views[index]
+        return None if view.hair_mask_path is None else torch.from_numpy(to_unit(self._decode(view, "hair")))
+
+    def person_mask(self, index: int) -> Float[Tensor, "height width"] | None:
+        """Coverage of the person in [0, 1], undistorted: the mask file, or else the image's alpha, or else None.
+
+        Raises:
+            InputError: the file is missing, does not decode, or has another size than its camera.
+        """
+        view = self.views[index]
+        if view.person_mask_path is not None:
+            return torch.from_numpy(to_unit(self._decode(view, "person")))
+        alpha = self._decode(view, "alpha")
+        return torch.from_numpy(to_unit(alpha)) if alpha.size else None
+
+    @property
+    def head_path(self) -> Path | None:
+        """The head mesh of the folder, if there is one."""
+        return next((self.folder / name for name in HEAD_NAMES if (self.folder / name).is_file()), None)
+
+    @cached_property
+    def head(self) -> Mesh | None:
+        """The fitted head in world metres, if there is one."""
+        return None if self.head_path is None else read_head(self.head_path)
+
+    @cached_property
+    def scalp_faces(self) -> Int64[Tensor, " scalp"] | None:
+        """Faces of the head that hair grows from, if they are given.
+
+        Raises:
+            InputError: a face is not one of the head's.
+        """
+        path = self.folder / "scalp_faces.json"
+        if not path.is_file():
+            return None
+        faces = read_scalp_faces(path)
+        if self.head is not None and int(faces.max()) >= len(self.head.faces):
+            raise InputError(
+                f"{path}: expected faces below {len(self.head.faces)} (the head's), came {int(faces.max())}."
+            )
+        return faces
+
+    @cached_property
+    def ground_truth(self) -> Strands | None:
+        """The true strands, if they are known (synthetic captures)."""
+        path = self.folder / "ground_truth.npz"
+        return read_ground_truth(path) if path.is_file() else None
+
+    def _decode(self, view: View, kind: str) -> np.ndarray:
+        """Decode, check and undistort one file of a view as stored samples, or take it from the cache."""
+        paths = {"hair": view.hair_mask_path, "person": view.person_mask_path}
+        path = paths.get(kind) or view.image_path
+
+        def decode() -> np.ndarray:
+            pixels = read_pixels(path)
+            alpha = alpha_of(pixels)
+            if kind == "alpha":
+                stored = np.zeros((0, 0), pixels.dtype) if alpha is None else alpha
+            else:
+                stored = colour_of(pixels) if kind == "image" else mask_of(pixels)
+            height, width = pixels.shape[:2]
+            if (width, height) != (view.lens.width, view.lens.height):
+                raise InputError(
+                    f"{path}: expected {view.lens.width} x {view.lens.height} pixels as its camera says, came "
+                    f"{width} x {height}; resize the file or scale the intrinsics."
+                )
+            return view.lens.undistort(stored) if stored.size else stored
+
+        return self.cache.get((path, kind, view.lens), decode)

@@ -1,0 +1,93 @@
+"""Decoding of photographs and masks, and a cache that keeps what was decoded within a budget of bytes."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from neural_strands.foundation.errors import InputError
+
+
+class ImageCache:
+    """Least recently used decoded images, never more than `budget` bytes of them in all.
+
+    An image larger than the budget is decoded at each request and not kept.
+    """
+
+    def __init__(self, budget: int) -> None:
+        self.budget = budget
+        self.used = 0
+        self._images: OrderedDict[tuple, np.ndarray] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: tuple, decode: Callable[[], np.ndarray]) -> np.ndarray:
+        """Return the image kept under `key`, or decode it and keep it; read-only for the caller."""
+        with self._lock:
+            if key in self._images:
+                self._images.move_to_end(key)
+                return self._images[key]
+        image = decode()
+        with self._lock:
+            if key not in self._images and image.nbytes <= self.budget:
+                self._images[key] = image
+                self.used += image.nbytes
+                while self.used > self.budget:
+                    self.used -= self._images.popitem(last=False)[1].nbytes
+        return image
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """Read an image as stored: uint8 or uint16, (height, width, channel) with 1 to 4 channels, RGB order.
+
+    Orientation tags are ignored: calibrations are of the stored pixels.
+
+    Raises:
+        InputError: the file is missing, is no image, or has another sample type.
+    """
+    try:
+        encoded = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: expected an image, but it cannot be read ({error.strerror}).") from error
+    try:
+        pixels = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise InputError(f"{path}: expected a PNG or JPEG image, came {encoded.size} bytes that do not decode as one.")
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: expected 8 or 16 bits a sample, came {pixels.dtype}; save it as PNG or JPEG.")
+    if pixels.ndim == 2:
+        return pixels[:, :, None]
+    order = {2: [0, 1], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[pixels.shape[2]]
+    return np.ascontiguousarray(pixels[:, :, order])
+
+
+def colour_of(pixels: np.ndarray) -> np.ndarray:
+    """Three colour channels of stored pixels: grey is repeated, alpha lays the colour over black."""
+    channels = pixels.shape[2]
+    colour = pixels[:, :, : 3 if channels > 2 else 1]
+    if channels in (2, 4):
+        top = np.iinfo(pixels.dtype).max
+        colour = (colour.astype(np.float64) * (pixels[:, :, -1:] / top) + 0.5).astype(pixels.dtype)
+    return np.ascontiguousarray(np.broadcast_to(colour, (*colour.shape[:2], 3)))
+
+
+def alpha_of(pixels: np.ndarray) -> np.ndarray | None:
+    """The alpha channel of stored pixels (height, width), if there is one."""
+    return np.ascontiguousarray(pixels[:, :, -1]) if pixels.shape[2] in (2, 4) else None
+
+
+def mask_of(pixels: np.ndarray) -> np.ndarray:
+    """Coverage of a mask file (height, width): its alpha where that says anything, else its first channel."""
+    alpha = alpha_of(pixels)
+    if alpha is not None and alpha.min() < np.iinfo(alpha.dtype).max:
+        return alpha
+    return np.ascontiguousarray(pixels[:, :, 0])
+
+
+def to_unit(image: np.ndarray) -> np.ndarray:
+    """Stored samples to float32 in [0, 1]."""
+    return image.astype(np.float32) / np.float32(np.iinfo(image.dtype).max)

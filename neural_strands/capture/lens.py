@@ -1,0 +1,89 @@
+"""Lens distortion, undone once when an image is decoded.
+
+The model is OpenCV's (and COLMAP's OPENCV): radial k1, k2, k3 and tangential p1, p2 on normalised coordinates.
+Intrinsics here follow the project (pixel centres at +0.5); OpenCV's own functions put centres at whole numbers, so
+half a pixel is subtracted on the way in.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+ZOOM_RANGE = (0.5, 2.0)
+"""How far the focal length of the undistorted view may differ from the lens's."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A calibrated lens with distortion.
+
+    Attributes:
+        intrinsics: fx, fy, cx, cy in pixels, pixel centres at +0.5.
+        coefficients: k1, k2, p1, p2, k3 (OpenCV's order), dimensionless.
+        width: image width in pixels.
+        height: image height in pixels.
+    """
+
+    intrinsics: tuple[float, float, float, float]
+    coefficients: tuple[float, float, float, float, float]
+    width: int
+    height: int
+
+    @property
+    def distorts(self) -> bool:
+        """Whether any coefficient differs from zero."""
+        return any(self.coefficients)
+
+    def matrix(self, zoom: float = 1.0) -> np.ndarray:
+        """The 3 x 3 intrinsics, focal lengths multiplied by `zoom`."""
+        fx, fy, cx, cy = self.intrinsics
+        return np.array([[fx * zoom, 0.0, cx], [0.0, fy * zoom, cy], [0.0, 0.0, 1.0]])
+
+    def undistorted_zoom(self) -> float:
+        """The smallest zoom at which every pixel of the undistorted view lies inside the photograph."""
+        if not self.distorts:
+            return 1.0
+        low, high = ZOOM_RANGE
+        if not self._covered(high):
+            return 1.0
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self._covered(middle) else (middle, high)
+        return high
+
+    def undistorted_matrix(self) -> np.ndarray:
+        """Intrinsics of the pinhole view that `undistort` returns: same size, same principal point."""
+        return self.matrix(self.undistorted_zoom())
+
+    def distort(self, normalised: np.ndarray) -> np.ndarray:
+        """Where the lens images normalised pinhole coordinates (..., 2), in pixels."""
+        k1, k2, p1, p2, k3 = self.coefficients
+        fx, fy, cx, cy = self.intrinsics
+        x, y = normalised[..., 0], normalised[..., 1]
+        square = x * x + y * y
+        radial = 1 + square * (k1 + square * (k2 + square * k3))
+        distorted_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+        distorted_y = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+        return np.stack([fx * distorted_x + cx, fy * distorted_y + cy], axis=-1)
+
+    def undistort(self, image: np.ndarray) -> np.ndarray:
+        """Resample a photograph (height, width[, channel]) to the pinhole view of `undistorted_matrix`."""
+        if not self.distorts:
+            return image
+        columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        source = (self.distort(self._normalised(columns, rows, self.undistorted_zoom())) - 0.5).astype(np.float32)
+        return cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+    def _normalised(self, columns: np.ndarray, rows: np.ndarray, zoom: float) -> np.ndarray:
+        fx, fy, cx, cy = self.intrinsics
+        return np.stack([(columns - cx) / (fx * zoom), (rows - cy) / (fy * zoom)], axis=-1)
+
+    def _covered(self, zoom: float) -> bool:
+        """Whether the border of the undistorted view falls inside the photograph at this zoom."""
+        across, down = np.linspace(0, self.width, 33), np.linspace(0, self.height, 33)
+        columns = np.concatenate([across, across, np.zeros(33), np.full(33, self.width)])
+        rows = np.concatenate([np.zeros(33), np.full(33, self.height), down, down])
+        source = self.distort(self._normalised(columns, rows, zoom))
+        size = np.array([self.width, self.height])
+        return bool(((source >= 0) & (source <= size)).all())

@@ -1,0 +1,67 @@
+"""One photograph of a capture: where its files are and what camera took it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.capture.lens import Lens
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+
+ROTATION_TOLERANCE = 1e-2
+"""How far a stored rotation may be from orthonormal before it is refused (exports round to a few digits)."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One calibrated photograph.
+
+    Attributes:
+        camera: the pinhole camera of the undistorted image.
+        lens: the lens that took the photograph.
+        image_path: the photograph.
+        hair_mask_path: coverage of hair, if there is a file.
+        person_mask_path: coverage of the person, if there is a file.
+    """
+
+    camera: Camera
+    lens: Lens
+    image_path: Path
+    hair_mask_path: Path | None = None
+    person_mask_path: Path | None = None
+
+
+def undistorted_intrinsics(lens: Lens) -> Float[Tensor, "3 3"]:
+    """Intrinsics of the image after its distortion is undone."""
+    return torch.from_numpy(lens.undistorted_matrix()).float()
+
+
+def rigid(matrix: Float[Tensor, "4 4"], source: str) -> Float[Tensor, "4 4"]:
+    """Check that a matrix is a rotation and a translation, and return it with its rotation made exact.
+
+    Raises:
+        InputError: a value is not finite, or the matrix scales, shears or mirrors.
+    """
+    rotation = matrix[:3, :3]
+    off = (rotation @ rotation.T - torch.eye(3, dtype=matrix.dtype)).abs().max()
+    if not torch.isfinite(matrix).all() or off > ROTATION_TOLERANCE or torch.linalg.det(rotation) < 0:
+        raise InputError(
+            f"{source}: expected a rigid camera pose (rotation and translation), came one that is not finite, scales, "
+            "shears or mirrors; export the poses again."
+        )
+    left, _, right = torch.linalg.svd(rotation)
+    exact = matrix.clone()
+    exact[:3, :3] = left @ right
+    exact[3] = matrix.new_tensor([0.0, 0.0, 0.0, 1.0])
+    return exact
+
+
+def find_mask(folder: Path, image_path: Path) -> Path | None:
+    """The mask of a photograph in a folder: NAME.png, or NAME.jpg.png as COLMAP names them."""
+    for name in (f"{image_path.stem}.png", f"{image_path.name}.png", image_path.name):
+        if (folder / name).is_file():
+            return folder / name
+    return None
