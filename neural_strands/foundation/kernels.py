@@ -15,6 +15,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
+Kernel = Any
+"""A `wp.Kernel`; Warp annotates its decorator as returning the plain function."""
 SMALLEST_SHARE = 1024
 """Fewer items than this a thread are not worth a second thread."""
 
@@ -32,7 +34,7 @@ def array(tensor: Tensor, dtype: Any = None) -> wp.array:
     return wp.from_torch(tensor.detach().contiguous(), dtype=dtype, requires_grad=False)
 
 
-def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
+def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
     """Run `kernel` for `count` items on one thread (CPU) or the current torch stream (CUDA)."""
     device = torch.device(device)
     if count == 0:
@@ -44,7 +46,7 @@ def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], device: torch.d
     wp.launch(kernel, dim=count, inputs=list(inputs), device="cpu")
 
 
-def launch_split(kernel: wp.Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
+def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
     """Run a kernel that takes `start` first, its items shared between torch's CPU threads."""
     device = torch.device(device)
     shares = min(torch.get_num_threads(), count // SMALLEST_SHARE)
@@ -62,7 +64,7 @@ def launch_split(kernel: wp.Kernel, count: int, inputs: Sequence[Any], device: t
             part.result()
 
 
-def load(kernel: wp.Kernel, device: torch.device | str) -> None:
+def load(kernel: Kernel, device: torch.device | str) -> None:
     """Compile and load a kernel's module now (cached between processes) rather than at its first launch."""
     device = torch.device(device)
     kernel.module.load("cpu" if device.type == "cpu" else wp.device_from_torch(device))
