@@ -1,0 +1,90 @@
+"""A grid of points sorted by cell, for searches within a radius (Warp, CPU and CUDA).
+
+Rows of cells along x are hashed by their y and z into a table; the cells of one row stay next to each other, so a
+search reads one stretch of sorted points a row. Rows of different places that share a stretch only cost extra
+candidates: every candidate's distance is computed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+from jaxtyping import Float, Int32
+from torch import Tensor
+
+from neural_strands.foundation.kernels import array, launch
+from neural_strands.geometry.point_kernels import count_points, place_points
+
+LARGEST_CELLS = 2**20
+"""Most cells along one axis; beyond it the cells grow, and searches slow down but stay right."""
+
+
+@dataclass(frozen=True)
+class PointGrid:
+    """Points sorted by cell; build one with `PointGrid.build` and search it as often as needed.
+
+    Attributes:
+        points: positions sorted by cell, metres.
+        order: index of each sorted point in the tensor that the grid was built from.
+        starts: where each cell's points begin in the sorted order, and the number of points at the end.
+        lower: smallest coordinates of the points, metres.
+        cells: number of cells along x, y and z.
+        cell: edge of a cell, metres.
+        mask: size of the hash table of rows minus one.
+    """
+
+    points: Float[Tensor, "point 3"]
+    order: Int32[Tensor, " point"]
+    starts: Int32[Tensor, " cell"]
+    lower: tuple[float, float, float]
+    cells: tuple[int, int, int]
+    cell: float
+    mask: int
+
+    @classmethod
+    def build(cls, points: Float[Tensor, "point 3"], cell: float) -> "PointGrid":
+        """Sort `points` into cells with an edge of about `cell` metres (float32, any device).
+
+        Raises:
+            ValueError: a coordinate is not finite, or the cell is not positive.
+        """
+        if not cell > 0:
+            raise ValueError(f"expected a positive cell, came {cell}")
+        points = points.detach().float().contiguous()
+        count, device = len(points), points.device
+        if count == 0:
+            zero = torch.zeros(2, dtype=torch.int32, device=device)
+            return cls(points, zero[:0], zero, (0.0, 0.0, 0.0), (0, 0, 0), cell, 0)
+        low, high = torch.aminmax(points, dim=0)
+        lower, upper = low.tolist(), high.tolist()
+        if not all(math.isfinite(value) for value in (*lower, *upper)):
+            raise ValueError("expected finite points, came some that are not")
+        extent = max(b - a for a, b in zip(lower, upper, strict=True))
+        cell = max(cell, extent / (LARGEST_CELLS - 2))
+        columns, rows, slices = (int((b - a) / cell) + 2 for a, b in zip(lower, upper, strict=True))
+        mask = (1 << max(2 * count - 1, 1023).bit_length()) - 1
+        keys = torch.zeros(count, dtype=torch.int32, device=device)
+        counts = torch.zeros(mask + columns + 2, dtype=torch.int32, device=device)
+        view = array(points, wp.vec3)
+        inputs = [view, wp.vec3(*lower), 1.0 / cell, mask, array(keys), array(counts)]
+        launch(count_points, count, inputs, device)
+        ends = counts.cumsum(0, dtype=torch.int32)
+        starts = torch.cat([ends.new_zeros(1), ends])
+        cursor = starts.clone()
+        sorted_points, order = torch.zeros_like(points), torch.zeros_like(keys)
+        placed = [view, array(keys), array(cursor), array(sorted_points, wp.vec3), array(order)]
+        launch(place_points, count, placed, device)
+        return cls(sorted_points, order, starts, (lower[0], lower[1], lower[2]), (columns, rows, slices), cell, mask)
+
+    def __len__(self) -> int:
+        return self.points.shape[0]
+
+    def sorted_values(self, values: Tensor) -> Tensor:
+        """Values given a point (in the order of the points that the grid was built from), in the sorted order."""
+        return values[self.order.long()].contiguous()
+
+    def kernel_inputs(self) -> list:
+        """What every search kernel takes of the grid, in this order: points, starts, lower, cells, cell, mask."""
+        cells = wp.vec3i(*self.cells)
+        return [array(self.points, wp.vec3), array(self.starts), wp.vec3(*self.lower), cells, self.cell, self.mask]

@@ -1,0 +1,219 @@
+"""Warp kernels of `point_grid` and `nearest`.
+
+Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+MOST_LEVELS = 8
+"""Most thresholds of one call of `match_levels`."""
+
+LevelVector = wp.types.vector(length=MOST_LEVELS, dtype=wp.float32)
+
+
+@wp.func
+@no_type_check
+def cell_along(coordinate: float, lower: float, inverse_cell: float) -> int:
+    """Index of the cell that holds a coordinate."""
+    return int(wp.floor((coordinate - lower) * inverse_cell))
+
+
+@wp.func
+@no_type_check
+def row_start(y: int, z: int, mask: int) -> int:
+    """Where the row of cells at (y, z) begins in the table."""
+    return ((y * 73856093) ^ (z * 19349663)) & mask
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def count_points(
+    points: wp.array[wp.vec3],
+    lower: wp.vec3,
+    inverse_cell: float,
+    mask: int,
+    keys: wp.array[int],
+    counts: wp.array[int],
+) -> None:
+    """Key of each point's cell, and the number of points a key."""
+    i = wp.tid()
+    p = points[i]
+    y = cell_along(p[1], lower[1], inverse_cell)
+    z = cell_along(p[2], lower[2], inverse_cell)
+    key = row_start(y, z, mask) + cell_along(p[0], lower[0], inverse_cell)
+    keys[i] = key
+    wp.atomic_add(counts, key, 1)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def place_points(
+    points: wp.array[wp.vec3],
+    keys: wp.array[int],
+    cursor: wp.array[int],
+    sorted_points: wp.array[wp.vec3],
+    order: wp.array[int],
+) -> None:
+    """Move each point to the stretch of its cell (counting sort)."""
+    i = wp.tid()
+    slot = wp.atomic_add(cursor, keys[i], 1)
+    order[slot] = i
+    sorted_points[slot] = points[i]
+
+
+@wp.func
+@no_type_check
+def row_span(
+    query: wp.vec3,
+    y: int,
+    z: int,
+    reach: float,
+    lower: wp.vec3,
+    cells: wp.vec3i,
+    cell: float,
+    mask: int,
+    starts: wp.array[int],
+) -> wp.vec2i:
+    """The stretch of sorted points in the row at (y, z) whose cells come within `reach` of the query."""
+    if y < 0 or z < 0 or y >= cells[1] or z >= cells[2]:
+        return wp.vec2i(0, 0)
+    below = lower[1] + float(y) * cell - query[1]
+    beside = lower[2] + float(z) * cell - query[2]
+    gap_y = wp.max(wp.max(below, -below - cell), 0.0)
+    gap_z = wp.max(wp.max(beside, -beside - cell), 0.0)
+    # A hair of slack: the cell of a point and the distance to its cell are rounded apart.
+    square = reach * reach * 1.0001 + 1.0e-14 - gap_y * gap_y - gap_z * gap_z
+    if square < 0.0:
+        return wp.vec2i(0, 0)
+    half = wp.sqrt(square) + 1.0e-6 * cell
+    first = wp.max(cell_along(query[0] - half, lower[0], 1.0 / cell), 0)
+    last = wp.min(cell_along(query[0] + half, lower[0], 1.0 / cell), cells[0] - 1)
+    if first > last:
+        return wp.vec2i(0, 0)
+    base = row_start(y, z, mask)
+    return wp.vec2i(starts[base + first], starts[base + last + 1])
+
+
+@wp.func
+@no_type_check
+def outside_grid(query: wp.vec3, radius: float, lower: wp.vec3, cells: wp.vec3i, cell: float) -> bool:
+    """Whether a query is too far from the grid's box to find anything, or not finite."""
+    outside = wp.bool(False)
+    for axis in range(3):
+        offset = query[axis] - lower[axis]
+        if not (offset >= -radius and offset <= float(cells[axis]) * cell + radius):
+            outside = True
+    return outside
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def nearest_kernel(
+    first_query: int,
+    points: wp.array[wp.vec3],
+    starts: wp.array[int],
+    lower: wp.vec3,
+    cells: wp.vec3i,
+    cell: float,
+    mask: int,
+    order: wp.array[int],
+    queries: wp.array[wp.vec3],
+    radius: float,
+    distance: wp.array[float],
+    index: wp.array[int],
+) -> None:
+    """Rings of rows around the query's own, from near to far, until a ring is farther than the best point."""
+    i = first_query + wp.tid()
+    query = queries[i]
+    if outside_grid(query, radius, lower, cells, cell):
+        return
+    centre_y = cell_along(query[1], lower[1], 1.0 / cell)
+    centre_z = cell_along(query[2], lower[2], 1.0 / cell)
+    best = radius * radius
+    chosen = wp.int32(-1)
+    rings = int(radius / cell) + 2
+    for ring in range(rings):
+        if float(ring - 1) * cell > wp.sqrt(best):
+            break
+        for dy in range(-ring, ring + 1):
+            step = wp.where(wp.abs(dy) == ring, 1, wp.max(2 * ring, 1))
+            for dz in range(-ring, ring + 1, step):
+                span = row_span(query, centre_y + dy, centre_z + dz, wp.sqrt(best), lower, cells, cell, mask, starts)
+                for k in range(span[0], span[1]):
+                    offset = points[k] - query
+                    square = wp.dot(offset, offset)
+                    if square < best or (square == best and (chosen < 0 or order[k] < chosen)):
+                        best = square
+                        chosen = order[k]
+    if chosen >= 0:
+        distance[i] = wp.sqrt(best)
+        index[i] = chosen
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def levels_kernel(
+    first_query: int,
+    points: wp.array[wp.vec3],
+    starts: wp.array[int],
+    lower: wp.vec3,
+    cells: wp.vec3i,
+    cell: float,
+    mask: int,
+    directions: wp.array[wp.vec3],
+    queries: wp.array[wp.vec3],
+    query_directions: wp.array[wp.vec3],
+    radii: LevelVector,
+    cosines: LevelVector,
+    levels: int,
+    unsigned_level: wp.array[int],
+    signed_level: wp.array[int],
+) -> None:
+    """Rings of rows around the query's own; the reach shrinks to the radius of the next stricter level wanted."""
+    i = first_query + wp.tid()
+    query = queries[i]
+    if outside_grid(query, radii[levels - 1], lower, cells, cell):
+        return
+    direction = query_directions[i]
+    centre_y = cell_along(query[1], lower[1], 1.0 / cell)
+    centre_z = cell_along(query[2], lower[2], 1.0 / cell)
+    unsigned = int(levels)
+    signed = int(levels)
+    reach = float(radii[levels - 1])
+    rings = int(reach / cell) + 2
+    for ring in range(rings):
+        if signed == 0 or float(ring - 1) * cell > reach:
+            break
+        for dy in range(-ring, ring + 1):
+            step = wp.where(wp.abs(dy) == ring, 1, wp.max(2 * ring, 1))
+            for dz in range(-ring, ring + 1, step):
+                if signed > 0:
+                    span = row_span(query, centre_y + dy, centre_z + dz, reach, lower, cells, cell, mask, starts)
+                    for k in range(span[0], span[1]):
+                        offset = points[k] - query
+                        square = wp.dot(offset, offset)
+                        if square <= reach * reach:
+                            cosine = wp.dot(direction, directions[k])
+                            while (
+                                unsigned > 0
+                                and square <= radii[unsigned - 1] * radii[unsigned - 1]
+                                and wp.abs(cosine) >= cosines[unsigned - 1]
+                            ):
+                                unsigned -= 1
+                            while (
+                                signed > 0
+                                and square <= radii[signed - 1] * radii[signed - 1]
+                                and cosine >= cosines[signed - 1]
+                            ):
+                                signed -= 1
+                            # A signed match is an unsigned one: the signed level is never the stricter.
+                            reach = radii[wp.max(signed - 1, 0)]
+                            if signed == 0:
+                                break
+    unsigned_level[i] = unsigned
+    signed_level[i] = signed
