@@ -1,0 +1,127 @@
+"""Closest points of triangle meshes through Warp's bounding volume hierarchy, with a brute-force torch twin."""
+
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from neural_strands.foundation import kernels
+from neural_strands.geometry.mesh import Mesh, barycentric_coordinates
+
+FARTHEST = 1.0e6
+"""Metres beyond which a query gives up: farther than anything a scene holds."""
+
+
+@dataclass(frozen=True)
+class ClosestPoints:
+    """Where each query point meets the surface.
+
+    Attributes:
+        face: index of the closest face.
+        barycentric: weights of its corners.
+        position: the closest point, metres.
+        distance: unsigned distance to it, metres.
+    """
+
+    face: Int64[Tensor, " point"]
+    barycentric: Float[Tensor, "point 3"]
+    position: Float[Tensor, "point 3"]
+    distance: Float[Tensor, " point"]
+
+
+class MeshIndex:
+    """A bounding volume hierarchy over a mesh, built once and queried many times (float32)."""
+
+    def __init__(self, mesh: Mesh, winding_number: bool = False) -> None:
+        """Build over `mesh`, on its device; `winding_number` keeps what signs need."""
+        if len(mesh.faces) == 0:
+            raise ValueError("a mesh index needs at least one face")
+        self.mesh = mesh
+        kernels.start_warp()
+        # The arrays are kept: Warp's mesh holds their memory by address.
+        self._vertices = kernels.array(mesh.vertices.float(), wp.vec3)
+        self._faces = kernels.array(mesh.faces.int().reshape(-1), wp.int32)
+        self._warp = wp.Mesh(points=self._vertices, indices=self._faces, support_winding_number=winding_number)
+
+    @property
+    def id(self) -> int:
+        """The handle that kernels take."""
+        return self._warp.id
+
+    def closest(self, points: Float[Tensor, "point 3"]) -> ClosestPoints:
+        """Closest surface point of each of `points`."""
+        count = len(points)
+        face = torch.zeros(count, dtype=torch.int32, device=points.device)
+        weights = torch.zeros(count, 3, device=points.device)
+        inputs = [
+            self.id,
+            kernels.array(points.float(), wp.vec3),
+            kernels.array(face, wp.int32),
+            kernels.array(weights, wp.vec3),
+        ]
+        kernels.launch_split(_closest_kernel, count, inputs, points.device)
+        return _closest_points(points, self.mesh, face.long(), weights.to(points))
+
+
+def closest_points(points: Float[Tensor, "point 3"], mesh: Mesh) -> ClosestPoints:
+    """Closest surface point of each of `points`; build a `MeshIndex` for repeated queries."""
+    return MeshIndex(mesh).closest(points)
+
+
+def closest_points_reference(points: Float[Tensor, "point 3"], mesh: Mesh, points_at_once: int = 256) -> ClosestPoints:
+    """The twin of `closest_points` in plain torch: every point against every face."""
+    corners = mesh.corners().to(points)
+    faces, weights = [], []
+    for part in points.split(points_at_once):
+        candidate = _closest_on_triangles(part[:, None], corners[None])
+        position = (candidate[..., None] * corners).sum(dim=-2)
+        face = (position - part[:, None]).norm(dim=-1).argmin(dim=1)
+        faces.append(face)
+        weights.append(candidate[torch.arange(len(part), device=points.device), face])
+    return _closest_points(points, mesh, torch.cat(faces), torch.cat(weights))
+
+
+def _closest_points(
+    points: Float[Tensor, "point 3"], mesh: Mesh, face: Int64[Tensor, " point"], weights: Float[Tensor, "point 3"]
+) -> ClosestPoints:
+    position = (mesh.vertices[mesh.faces[face]].to(points) * weights[..., None]).sum(dim=1)
+    return ClosestPoints(face, weights, position, (points - position).norm(dim=-1))
+
+
+def _closest_on_triangles(
+    points: Float[Tensor, "point 1 3"], corners: Float[Tensor, "1 face 3 3"]
+) -> Float[Tensor, "point face 3"]:
+    """Barycentric weights of the point of each triangle closest to each point.
+
+    The best of the plane's foot (where it lies inside) and the three edges.
+    """
+    inside = barycentric_coordinates(points, corners)
+    choices = [torch.where((inside >= 0).all(dim=-1, keepdim=True), inside, torch.inf)]
+    for first in range(3):
+        second = (first + 1) % 3
+        edge = corners[..., second, :] - corners[..., first, :]
+        along = ((points - corners[..., first, :]) * edge).sum(-1) / (edge * edge).sum(-1).clamp(min=1e-30)
+        weight = torch.zeros_like(inside)
+        weight[..., second] = along.clamp(0.0, 1.0)
+        weight[..., first] = 1.0 - weight[..., second]
+        choices.append(weight)
+    stacked = torch.stack(choices)
+    gap = ((stacked[..., None] * corners).sum(dim=-2) - points).norm(dim=-1).nan_to_num(nan=torch.inf)
+    best = gap.argmin(dim=0)
+    return stacked.gather(0, best[None, ..., None].expand(1, *best.shape, 3)).squeeze(0)
+
+
+@wp.kernel
+def _closest_kernel(
+    start: int,
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    face: wp.array(dtype=wp.int32),
+    weights: wp.array(dtype=wp.vec3),
+):
+    i = start + wp.tid()
+    query = wp.mesh_query_point_no_sign(mesh, points[i], FARTHEST)
+    face[i] = query.face
+    weights[i] = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)

@@ -1,0 +1,90 @@
+"""Blue noise by parallel sample elimination: an exact number of points, none much closer than the others.
+
+A maximal set of dart throws first leaves a few more points than wanted, none closer than a radius; weighted sample
+elimination (Yuksel 2015) then removes the surplus where it is most crowded. Both work on whole independent sets at
+once, so that numpy is fast enough. The candidates come in random order, which is their priority.
+"""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+DART_RADIUS = 0.66
+"""Radius of the dart throws over the largest possible one: leaves about a tenth more points than wanted."""
+
+SHRINK = 0.93
+"""Factor on the radius when too few darts fit."""
+
+BATCH = 0.25
+"""Share of the surplus that may leave at once: the weights change in between."""
+
+EXPONENT = 8
+"""Power of Yuksel's weight function."""
+
+
+def eliminate(points: Float[Tensor, "candidate 3"], count: int, area: float) -> Int64[Tensor, " kept"]:
+    """Indices of exactly `count` of `points`, spread as blue noise.
+
+    Args:
+        points: candidates, uniform over a surface, several times `count`, in random order.
+        count: how many to keep, at most as many as there are points.
+        area: area of the surface, square metres.
+    """
+    positions = points.detach().cpu().double().numpy()
+    # The densest packing of the plane is hexagonal: distance sqrt(2 A / (sqrt(3) n)).
+    largest = math.sqrt(2.0 * area / (math.sqrt(3.0) * count))
+    radius = DART_RADIUS * largest
+    kept = _throw_darts(positions, radius)
+    while len(kept) < count:
+        radius *= SHRINK
+        kept = _throw_darts(positions, radius) if radius > 1e-3 * largest else np.arange(len(positions))
+    return torch.from_numpy(kept[_remove_crowded(positions[kept], len(kept) - count, largest)])
+
+
+def _throw_darts(positions: np.ndarray, radius: float) -> np.ndarray:
+    """A maximal subset with no two points closer than `radius`, the same as throwing them in order."""
+    pairs = cKDTree(positions).query_pairs(radius, output_type="ndarray")
+    winner, loser = pairs.T
+    undecided = np.ones(len(positions), bool)
+    taken = np.zeros(len(positions), bool)
+    while undecided.any():
+        beaten = np.zeros(len(positions), bool)
+        beaten[loser] = True
+        accepted = undecided & ~beaten
+        taken |= accepted
+        undecided &= ~accepted
+        removed = np.zeros(len(positions), bool)
+        removed[loser[accepted[winner]]] = True
+        undecided &= ~removed
+        alive = undecided[winner] & undecided[loser]
+        winner, loser = winner[alive], loser[alive]
+    return np.flatnonzero(taken)
+
+
+def _remove_crowded(positions: np.ndarray, surplus: int, largest: float) -> np.ndarray:
+    """Remove `surplus` points, always those with the greatest weight among their neighbours; returns who stays."""
+    alive = np.ones(len(positions), bool)
+    if surplus == 0:
+        return np.flatnonzero(alive)
+    reach = 2.0 * largest
+    pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
+    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
+    gap = np.linalg.norm(positions[first] - positions[second], axis=1)
+    share = (1.0 - gap / reach) ** EXPONENT
+    while surplus > 0:
+        weight = np.bincount(first, share, len(positions))
+        crowded = alive.copy()
+        # Ties go to the higher index, so that neighbours never leave together.
+        lower = (weight[first] < weight[second]) | ((weight[first] == weight[second]) & (first < second))
+        crowded[first[lower]] = False
+        leaving = np.flatnonzero(crowded)
+        leaving = leaving[np.argsort(-weight[leaving], kind="stable")][: math.ceil(surplus * BATCH)]
+        alive[leaving] = False
+        surplus -= len(leaving)
+        linked = alive[first] & alive[second]
+        first, second, share = first[linked], second[linked], share[linked]
+    return np.flatnonzero(alive)

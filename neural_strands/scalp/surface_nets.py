@@ -1,0 +1,96 @@
+"""Naive surface nets: the zero level of a distance function as an even, watertight triangle mesh."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+SMOOTHING = 6
+"""Rounds of tangential smoothing, each followed by a step back onto the surface."""
+
+PROBE = 1e-4
+"""Metres from a point to its probes along each axis."""
+
+TETRAHEDRON = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+
+Distance = Callable[[np.ndarray], np.ndarray]
+"""Maps points (n, 3) in metres to signed distances (n,), negative inside."""
+
+
+def surface_nets(
+    distance: Distance, lower: np.ndarray, spacing: float, cells: tuple[int, int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh the zero level inside a box that the surface does not touch.
+
+    Each cell that the surface crosses gives one vertex, each crossed grid edge one quad (Gibson 1998); vertices are then
+    spread evenly along the surface and drawn onto it.
+
+    Args:
+        distance: the solid.
+        lower: (3,) the box's lowest corner, metres.
+        spacing: side of a cell, metres.
+        cells: their number along x, y, z.
+
+    Returns:
+        vertices (vertex, 3) in metres and faces (face, 3), counter-clockwise seen from outside.
+    """
+    axes = [lower[k] + spacing * np.arange(cells[k] + 1) for k in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    inside = (distance(grid.reshape(-1, 3)) < 0).reshape(grid.shape[:3])
+    corners = [inside[i : i + cells[0], j : j + cells[1], k : k + cells[2]] for i, j, k in np.ndindex(2, 2, 2)]
+    full = np.sum(corners, axis=0)
+    crossed = (full > 0) & (full < 8)
+    number = np.full(cells, -1)
+    number[crossed] = np.arange(crossed.sum())
+    vertices = lower + spacing * (np.argwhere(crossed) + 0.5)
+    quads = np.concatenate([_quads(inside, number, axis) for axis in range(3)])
+    vertices = _settle(distance, vertices, quads, spacing)
+    return vertices, _triangulate(vertices, quads)
+
+
+def _quads(inside: np.ndarray, number: np.ndarray, axis: int) -> np.ndarray:
+    """One quad for each grid edge along `axis` whose ends differ, turned outwards."""
+    along = np.moveaxis(inside, axis, 0)
+    # Cyclic order of the other two axes keeps the quads' orientation the same for all three.
+    if axis == 1:
+        along = np.swapaxes(along, 1, 2)
+        number = np.swapaxes(np.moveaxis(number, 1, 0), 1, 2)
+    else:
+        number = np.moveaxis(number, axis, 0)
+    change = along[:-1, 1:-1, 1:-1] != along[1:, 1:-1, 1:-1]
+    i, j, k = np.nonzero(change)
+    quad = np.stack([number[i, j, k], number[i, j + 1, k], number[i, j + 1, k + 1], number[i, j, k + 1]], axis=1)
+    outwards = along[:-1, 1:-1, 1:-1][i, j, k]
+    return np.where(outwards[:, None], quad, quad[:, ::-1])
+
+
+def _settle(distance: Distance, vertices: np.ndarray, quads: np.ndarray, spacing: float) -> np.ndarray:
+    """Alternate averaging over neighbours with steps onto the surface."""
+    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    degree = np.bincount(ends[:, 0], minlength=len(vertices))
+    for _ in range(SMOOTHING):
+        mean = np.stack(
+            [np.bincount(ends[:, 0], vertices[ends[:, 1], k], len(vertices)) / degree for k in range(3)], axis=1
+        )
+        vertices = _onto(distance, 0.5 * (vertices + mean), spacing)
+    return _onto(distance, _onto(distance, vertices, spacing), spacing)
+
+
+def _onto(distance: Distance, points: np.ndarray, limit: float) -> np.ndarray:
+    """One Newton step towards the zero level, no longer than `limit`."""
+    # Four probes at the corners of a tetrahedron give value and gradient at once.
+    probed = np.stack([distance(points + PROBE * corner) for corner in TETRAHEDRON], axis=1)
+    value, gradient = probed.mean(axis=1), probed @ TETRAHEDRON / (4 * PROBE)
+    square = np.maximum((gradient**2).sum(axis=1), 0.05)
+    step = -value / square
+    length = np.abs(step) * np.sqrt(square)
+    return points + (step * np.minimum(1.0, limit / np.maximum(length, 1e-12)))[:, None] * gradient
+
+
+def _triangulate(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Cut each quad along its shorter diagonal."""
+    corners = vertices[quads]
+    first = np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
+    second = np.linalg.norm(corners[:, 1] - corners[:, 3], axis=1)
+    # A tolerance keeps mirror images cut alike.
+    turned = np.where((first <= second + 1e-9)[:, None], quads, np.roll(quads, -1, axis=1))
+    return np.concatenate([turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]])
