@@ -11,6 +11,7 @@ from neural_strands.foundation.errors import InputError
 
 COMMANDS = {
     "info": "neural_strands.cli.info:Info",
+    "convert": "neural_strands.cli.convert:Convert",
 }
 """Each verb and the dataclass that holds its arguments."""
 

@@ -1,1 +1,1 @@
-"""Readers and writers of hair files."""
+"""Readers and writers of grooms: .hair, .data, .tfx, USD, PLY, OBJ, npz."""

@@ -1,0 +1,128 @@
+"""What every reader checks: a file holds what it claims, its numbers are finite, its strands are strands."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.grooms.groom import ATTRIBUTES, Groom
+
+LARGEST = 1e9
+"""Coordinates beyond this are taken for garbage: no unit makes hair of them."""
+
+Locate = Callable[[str, int], str]
+"""Says where a row of "vertices" or of an attribute stands in the file, such as "byte 140"."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a whole file.
+
+    Raises:
+        InputError: it is missing, unreadable or empty.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path}: expected a groom file, but it cannot be read ({error.strerror or error})."
+        ) from error
+    if not data:
+        raise InputError(f"{path}: expected a groom file, but it is empty (stops at byte 0); export it again.")
+    return data
+
+
+def refuse(path: Path, where: str, expected: str, found: str, advice: str = "export it again") -> InputError:
+    """Build the one sentence that refuses a file."""
+    return InputError(f"{path}: {where}: expected {expected}, found {found}; {advice}.")
+
+
+def require_bytes(path: Path, start: int, claimed: int, size: int, what: str) -> None:
+    """Refuse a file whose part of `claimed` bytes at `start` runs past its end, before anything is allocated.
+
+    Raises:
+        InputError: the part does not fit.
+    """
+    if start + claimed > size:
+        found = f"a file of {size} bytes"
+        raise refuse(
+            path, f"byte {start}", f"{claimed} bytes of {what}", found, "it is truncated or its header is wrong"
+        )
+
+
+def build_groom(
+    path: Path, vertices: np.ndarray, sizes: np.ndarray, locate: Locate, attributes: Mapping[str, np.ndarray | None]
+) -> Groom:
+    """Check what a reader found and make a groom of it (float32, copied).
+
+    Args:
+        path: the file, for messages.
+        vertices: points of all strands, (vertex, 3).
+        sizes: points of each strand; their sum is the number of vertices.
+        locate: says where a row came from.
+        attributes: arrays by the attribute names of `Groom`, or None.
+
+    Raises:
+        InputError: no strands, one-point or zero-length strands, numbers that are not finite or absurd.
+    """
+    if len(sizes) == 0:
+        raise refuse(path, locate("vertices", 0), "at least one strand", "none", "choose a file that holds hair")
+    offsets = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
+    if (short := _first(sizes < 2)) is not None:
+        found = f"strand {short} with {sizes[short]}"
+        where = locate("vertices", int(offsets[short]))
+        raise refuse(path, where, "at least two points a strand", found, "remove such strands and export again")
+    if (bad := _first_bad(vertices)) is not None:
+        raise refuse(path, locate("vertices", bad), "finite coordinates below 1e9", f"{_words(vertices[bad])}")
+    moved = np.zeros(len(vertices), dtype=bool)
+    moved[1:] = (vertices[1:] != vertices[:-1]).any(axis=1)
+    moved[offsets[:-1]] = False
+    if (flat := _first(~np.logical_or.reduceat(moved, offsets[:-1]))) is not None:
+        found = f"strand {flat} whose {sizes[flat]} points are all the same"
+        where = locate("vertices", int(offsets[flat]))
+        raise refuse(path, where, "strands with a length", found, "remove such strands and export again")
+    tensors = {}
+    for name, values in attributes.items():
+        if values is None:
+            continue
+        if (bad := _first_bad(values)) is not None:
+            raise refuse(path, locate(name, bad), f"finite values of {name}", _words(values[bad]))
+        if name == "width" and (bad := _first(values < 0)) is not None:
+            raise refuse(path, locate(name, bad), "widths of zero or more", f"{values[bad]}")
+        tensors[name] = _tensor(values)
+    return Groom(_tensor(vertices), torch.from_numpy(offsets), **tensors)
+
+
+def check_writable(path: Path, groom: Groom) -> None:
+    """Refuse to write what no reader would take back.
+
+    Raises:
+        InputError: the groom is empty or holds strands or numbers that `build_groom` refuses.
+    """
+    attributes = {
+        name: None if (v := getattr(groom, name)) is None else v.detach().cpu().numpy() for name in ATTRIBUTES
+    }
+    vertices, sizes = groom.vertices.detach().cpu().float().numpy(), groom.sizes.cpu().numpy()
+    build_groom(path, vertices, sizes, lambda name, row: f"row {row} of {name} to be written", attributes)
+
+
+def _first(mask: np.ndarray) -> int | None:
+    """Index of the first true entry."""
+    index = int(mask.argmax()) if len(mask) else 0
+    return index if len(mask) and mask[index] else None
+
+
+def _first_bad(values: np.ndarray) -> int | None:
+    """First row with a number that is not finite or absurdly large."""
+    with np.errstate(invalid="ignore"):
+        bad: np.ndarray = ~(np.abs(values) < LARGEST)
+    return _first(bad if values.ndim == 1 else bad.any(axis=1))
+
+
+def _words(row: np.ndarray) -> str:
+    return " ".join(f"{value:g}" for value in np.atleast_1d(row))
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.array(values, dtype=np.float32, order="C"))
