@@ -1,0 +1,87 @@
+"""The encoder: a strand to the mean and deviation of its latent (paper, "Training / Strand Generator": a 1D CNN).
+
+Two paths are added. The closed-form analysis (`prior.analysis`) finds the curl's frequency by search and every
+amplitude by least squares: it makes the mean exact to a tenth of a millimetre. The 1D CNN gives the deviation, and
+corrects the mean for what the modulator's MLP adds. With `analysis` off the CNN stands alone, as in the paper.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from neural_strands.geometry.strands import lengths, segments
+from neural_strands.prior.analysis import analyse
+from neural_strands.prior.generator import LONGEST, SHORTEST, StrandGenerator, logit_between
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """Sizes of the encoder."""
+
+    points: int = 100
+    """Points a strand that the CNN takes."""
+    widths: tuple[int, ...] = (16, 24, 32, 48, 64)
+    """Channels of the strided convolutions."""
+    hidden: int = 128
+    """Width of the layer before the heads."""
+    analysis: bool = True
+    """Whether the mean starts from the closed-form analysis, or comes from the CNN alone (the paper)."""
+    refine: int = 1
+    """Gauss-Newton steps of the analysis."""
+    start_log_std: float = -4.0
+    """Logarithm of the deviation before training."""
+
+
+class StrandEncoder(nn.Module):
+    """Strands in their roots' frames to the mean and log deviation of their latents."""
+
+    def __init__(self, generator: StrandGenerator, config: EncoderConfig | None = None) -> None:
+        super().__init__()
+        self.config = config or EncoderConfig()
+        # Held in a tuple: the generator's weights are not the encoder's to save or to train.
+        self._generator = (generator,)
+        channels, length = 7, self.config.points - 1
+        layers: list[nn.Module] = []
+        for width in self.config.widths:
+            layers += [nn.Conv1d(channels, width, kernel_size=4, stride=2, padding=1), nn.SiLU()]
+            channels, length = width, (length - 2) // 2 + 1
+        self.trunk = nn.Sequential(*layers, nn.Flatten(), nn.Linear(channels * length, self.config.hidden), nn.SiLU())
+        self.mean = nn.Linear(self.config.hidden, generator.config.latent)
+        self.log_std = nn.Linear(self.config.hidden, generator.config.latent)
+        for head in (self.mean, self.log_std):
+            nn.init.zeros_(head.weight)
+            nn.init.zeros_(head.bias)
+
+    def forward(
+        self, points: Float[Tensor, "strand point 3"]
+    ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, "strand latent"]]:
+        """Mean and log standard deviation of each strand's latent; local metres, the root at 0.
+
+        Raises:
+            ValueError: another number of points than the encoder was built for.
+        """
+        if points.shape[1] != self.config.points:
+            raise ValueError(f"strands must have {self.config.points} points, got {points.shape[1]}")
+        hidden = self.trunk(self.features(points))
+        mean = self.mean(hidden)
+        if self.config.analysis:
+            mean = mean + self.analysed(points)
+        return mean, self.config.start_log_std + self.log_std(hidden)
+
+    def analysed(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
+        """Latents whose linear skip gives the quantities of the closed-form analysis; no gradient passes through."""
+        (generator,) = self._generator
+        with torch.no_grad():
+            raw = analyse(generator, points, self.config.refine).flat()
+            return torch.linalg.lstsq(generator.skip.weight, (raw - generator.skip.bias).T).solution.T
+
+    def features(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand channel step"]:
+        """Position and direction at each step, both free of scale, and the logarithm of the length."""
+        length = lengths(points)
+        offsets = segments(points)
+        middle = (points[:, 1:] + points[:, :-1]) / 2
+        direction = torch.nn.functional.normalize(offsets, dim=-1)
+        size = 0.2 * logit_between(length, SHORTEST, LONGEST)[:, None, None].expand(-1, offsets.shape[1], 1)
+        return torch.cat([3 * middle / length[:, None, None], direction, size], dim=-1).transpose(1, 2)

@@ -1,0 +1,137 @@
+"""The sine layers of the strand generator (paper, "Strand Generator": a modulated SIREN).
+
+A strand is integrated from dp/dt = length x [first(t) + second(t)], where t runs from the root (0) to the tip (1):
+
+- first(t) = sum_i a_i sin(w_i t + b_i): carriers whose vector amplitudes a_i are modulated by the latent;
+- second(t) = sum_j A_j sin((f + k_j) (t - 1/2) + warp(t) + b_j): units whose vector amplitude A_j, frequency f and
+  phase are modulated by the latent; their phase also takes in the carriers, weighted by the latent (`warp`), as a
+  second sine layer takes in a first.
+
+Letters: i carrier, j unit of the second layer, s smooth function (a fixed mix of carriers), w warp, c axis.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+Output = Literal["gradient", "position"]
+Modulation = Literal["all", "amplitude"]
+
+
+@dataclass(frozen=True)
+class SynthesiserConfig:
+    """Sizes of the two sine layers."""
+
+    carriers: int = 40
+    """Sine units of the first layer."""
+    smooth: int = 12
+    """Functions of t, mixed from the carriers, that the latent weighs an axis."""
+    sidebands: int = 4
+    """Pairs (sine, cosine) of second-layer units about the strand's own frequency."""
+    warps: int = 1
+    """Functions of t, mixed from the carriers, that the latent adds to the phase of the second layer."""
+    slowest: float = 4.8
+    """Lowest frequency of the second layer, cycles a strand."""
+    fastest: float = 32.0
+    """Highest frequency of the second layer, cycles a strand."""
+    output: Output = "gradient"
+    """What the sines give: dp/dt, summed from the root (the paper), or positions outright (its ablation)."""
+    modulation: Modulation = "all"
+    """What the latent modulates in the second layer: amplitude, frequency and phase (the paper), or amplitude alone."""
+    integration: Literal["exact", "euler"] = "exact"
+    """How a step of t is summed: the integral of each sine over it, or its value at the middle (forward Euler)."""
+
+    @property
+    def units(self) -> int:
+        """Sine units of the second layer."""
+        return 2 * self.sidebands
+
+
+@dataclass(frozen=True)
+class Modulations:
+    """What the modulator gives the synthesiser for each strand.
+
+    Attributes:
+        length: scale of the strand, metres.
+        carrier_amplitude: of the first layer, an axis.
+        unit_amplitude: of the second layer, an axis.
+        frequency: of each second-layer unit, radians over t in [0, 1].
+        phase: added to each second-layer unit, radians.
+        warp: weight of each warp function, radians.
+    """
+
+    length: Float[Tensor, " strand"]
+    carrier_amplitude: Float[Tensor, "strand 3 carrier"]
+    unit_amplitude: Float[Tensor, "strand 3 unit"]
+    frequency: Float[Tensor, "strand unit"]
+    phase: Float[Tensor, "strand unit"]
+    warp: Float[Tensor, "strand warp"]
+
+
+class Synthesiser(nn.Module):
+    """Two sine layers over t, and their integration into a strand."""
+
+    def __init__(self, config: SynthesiserConfig) -> None:
+        super().__init__()
+        self.config = config
+        half = torch.arange(config.carriers)
+        # Cosines of 0, 1, 2... half turns, then sines: a frame that also follows functions that differ at both ends.
+        cosines = (3 * config.carriers + 4) // 5
+        frequency = torch.where(half < cosines, half, half - cosines + 1) * math.pi
+        self.carrier_frequency = nn.Parameter(frequency.float())
+        self.carrier_phase = nn.Parameter(torch.where(half < cosines, math.pi / 2, 0.0))
+        self.smooth_mix = nn.Parameter(torch.eye(config.smooth, config.carriers))
+        self.warp_mix = nn.Parameter(torch.eye(config.warps, config.carriers).roll(2, dims=1))
+        offsets = math.pi * (torch.arange(config.sidebands) - (config.sidebands - 1) / 2)
+        self.unit_frequency = nn.Parameter(offsets.repeat_interleave(2))
+        self.unit_phase = nn.Parameter(torch.tensor([0.0, math.pi / 2]).repeat(config.sidebands))
+
+    def forward(self, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
+        """Strands in local metres, the root at 0 (the plain path; `fast.synthesise` is held to it)."""
+        return positions(self.steps(modulations, points), self.config.output)
+
+    def steps(self, modulations: Modulations, points: int) -> Float[Tensor, "strand 3 step"]:
+        """What is summed into points: offsets d_k (gradient) or positions (position), metres."""
+        t = times(points, self.config.output, self.carrier_frequency)
+        weight = modulations.length[:, None, None] * self.step_size(points)
+        frequency = modulations.frequency
+        amplitude = modulations.unit_amplitude * self.attenuation(frequency, points)[:, None]
+        first = modulations.carrier_amplitude @ self.carriers(t, points)
+        warp = modulations.warp @ (self.warp_mix @ self.carriers(t, None))
+        angle = frequency[..., None] * (t - 0.5) + (modulations.phase[..., None] + warp[:, None])
+        return weight * (first + amplitude @ angle.sin())
+
+    def step_size(self, points: int) -> float:
+        """Length of a step of t (1 where positions are given outright)."""
+        return 1.0 / (points - 1) if self.config.output == "gradient" else 1.0
+
+    def carriers(self, t: Float[Tensor, " step"], points: int | None) -> Float[Tensor, "carrier step"]:
+        """The first layer at t, averaged over each step where `points` tells the steps' length."""
+        waves = (self.carrier_frequency[:, None] * t + self.carrier_phase[:, None]).sin()
+        if points is None:
+            return waves
+        return waves * self.attenuation(self.carrier_frequency, points)[:, None]
+
+    def attenuation(self, frequency: Float[Tensor, "*unit"], points: int) -> Float[Tensor, "*unit"]:
+        """Mean of a sine over one step of t by its value at the middle: sin(x)/x with x = frequency dt / 2."""
+        if self.config.output == "position" or self.config.integration == "euler":
+            return torch.ones_like(frequency)
+        return torch.sinc(frequency / (2 * math.pi * (points - 1)))
+
+
+def times(points: int, output: Output, like: Tensor) -> Float[Tensor, " step"]:
+    """Where the sines are sampled: the middle of each step (gradient) or each point (position)."""
+    if output == "position":
+        return torch.linspace(0, 1, points, dtype=like.dtype, device=like.device)
+    return (torch.arange(points - 1, dtype=like.dtype, device=like.device) + 0.5) / (points - 1)
+
+
+def positions(steps: Float[Tensor, "strand 3 step"], output: Output) -> Float[Tensor, "strand point 3"]:
+    """Sum offsets from the root (forward Euler, p_k = sum of d_i), or move positions so that the root lies at 0."""
+    if output == "position":
+        return (steps - steps[..., :1]).transpose(1, 2)
+    return torch.nn.functional.pad(steps.cumsum(dim=-1), (1, 0)).transpose(1, 2)

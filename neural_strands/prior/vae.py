@@ -1,0 +1,126 @@
+"""The strand prior as the program uses it: generator and encoder together, their file, and their limits."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.resample import resample_strands
+from neural_strands.geometry.strands import lengths
+from neural_strands.prior.encoder import EncoderConfig, StrandEncoder
+from neural_strands.prior.generator import LONGEST, SHORTEST, GeneratorConfig, StrandGenerator
+from neural_strands.prior.synthesiser import SynthesiserConfig
+
+SHIPPED = Path(__file__).parent / "weights" / "strand_prior.safetensors"
+"""Weights that come with the package."""
+BLOCK = 2048
+"""Strands that are encoded at once: bounds the memory of the analysis."""
+
+
+class StrandPrior(nn.Module):
+    """A variational autoencoder of strands in their roots' frames (metres, the root at 0)."""
+
+    def __init__(self, generator: GeneratorConfig | None = None, encoder: EncoderConfig | None = None) -> None:
+        super().__init__()
+        self.generator = StrandGenerator(generator)
+        self.encoder = StrandEncoder(self.generator, encoder)
+
+    def forward(
+        self, points: Float[Tensor, "strand point 3"], noise: Float[Tensor, "strand latent"]
+    ) -> tuple[Float[Tensor, "strand point 3"], Float[Tensor, "strand latent"], Float[Tensor, "strand latent"]]:
+        """Reconstruction from a sampled latent (mean + noise x deviation), mean and log deviation."""
+        mean, log_std = self.encoder(points)
+        return self.generator(mean + noise * log_std.exp(), points.shape[1]), mean, log_std
+
+    @torch.no_grad()
+    def encode(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
+        """Mean latents of strands in local metres; they are moved to the root and resampled where need be.
+
+        Strands longer than in training (0.6 m) are encoded at their own scale, up to `LONGEST`.
+
+        Raises:
+            InputError: a strand of fewer than two points, not finite, of no length, or too long or short.
+        """
+        check_strands(points)
+        points = points - points[:, :1]
+        if points.shape[1] != self.encoder.config.points:
+            points = resample_strands(points, self.encoder.config.points)
+        if len(points) == 0:
+            return points.new_zeros(0, self.generator.config.latent)
+        return torch.cat([self.encoder(block)[0] for block in points.split(BLOCK)])
+
+    def decode(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
+        """Strands of any number of points, in local metres."""
+        return self.generator(latent, points)
+
+
+def check_strands(points: Float[Tensor, "strand point 3"]) -> None:
+    """Refuse strands that have no latent.
+
+    Raises:
+        InputError: one sentence that names the first such strand.
+    """
+    if points.shape[1] < 2:
+        raise InputError(f"strands to encode: expected at least two points each, got {points.shape[1]}; drop them.")
+    broken = ~torch.isfinite(points).flatten(1).all(dim=1)
+    if broken.any():
+        raise InputError(
+            f"strands to encode: {int(broken.sum())} of {len(points)} hold NaN or infinite coordinates "
+            f"(the first is strand {int(broken.nonzero()[0])}); drop them."
+        )
+    length = lengths(points)
+    outside = (length < SHORTEST) | (length > LONGEST)
+    if outside.any():
+        first = int(outside.nonzero()[0])
+        raise InputError(
+            f"strands to encode: {int(outside.sum())} of {len(points)} are shorter than {SHORTEST * 1000:g} mm or "
+            f"longer than {LONGEST:g} m (strand {first} is {float(length[first]):.4g} m); check the unit or drop them."
+        )
+
+
+def save_prior(prior: StrandPrior, path: Path, notes: dict[str, str]) -> None:
+    """Write weights and sizes as safetensors; `notes` say how they were made (command, seed, data)."""
+    described = {"generator": asdict(prior.generator.config), "encoder": asdict(prior.encoder.config)}
+    tensors = {name: value.detach().cpu().contiguous() for name, value in prior.state_dict().items()}
+    with atomic_file(path) as temporary:
+        save_file(tensors, temporary, metadata={**notes, "config": json.dumps(described)})
+
+
+def load_prior(path: Path | None = None, device: torch.device | str = "cpu") -> StrandPrior:
+    """Load weights (those shipped with the package by default), frozen and ready to use.
+
+    Raises:
+        InputError: no such file, or not whole, or not of a strand prior.
+    """
+    path = path or SHIPPED
+    if not path.is_file():
+        raise InputError(f"{path}: expected strand prior weights, found no file; train them with train-prior.")
+    try:
+        with safe_open(path, framework="pt", device=str(device)) as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        prior = StrandPrior(*configs(json.loads(metadata["config"])))
+        prior.load_state_dict(tensors)
+    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
+        reason = str(error).splitlines()[0][:120]
+        raise InputError(
+            f"{path}: expected the whole weights of a strand prior, found something else ({reason}); "
+            "train them again or reinstall."
+        ) from error
+    return prior.to(device).eval().requires_grad_(False)
+
+
+def configs(described: dict[str, Any]) -> tuple[GeneratorConfig, EncoderConfig]:
+    """Rebuild the configs that `save_prior` described."""
+    generator, encoder = dict(described["generator"]), dict(described["encoder"])
+    encoder["widths"] = tuple(encoder["widths"])
+    inner = SynthesiserConfig(**generator.pop("synthesiser"))
+    return GeneratorConfig(**generator, synthesiser=inner), EncoderConfig(**encoder)
