@@ -66,5 +66,6 @@ def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torc
 
 def load(kernel: Kernel, device: torch.device | str) -> None:
     """Compile and load a kernel's module now (cached between processes) rather than at its first launch."""
+    start_warp()
     device = torch.device(device)
     kernel.module.load("cpu" if device.type == "cpu" else wp.device_from_torch(device))
