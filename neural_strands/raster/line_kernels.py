@@ -1,0 +1,175 @@
+"""Warp kernels of the line rasteriser (see `lines` for the rule they follow).
+
+Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+NO_PRIMITIVE = wp.constant(0xFFFFFFFF)
+"""Index bits of a pixel that nothing has been drawn to."""
+LONGEST = wp.constant(1.0e9)
+"""Lines longer than this many pixels are not drawn: float32 no longer knows where they lie."""
+
+
+@wp.func
+@no_type_check
+def transform(projection: wp.mat44, point: wp.vec3) -> wp.vec3:
+    """World metres to homogeneous pixels (x * depth, y * depth, depth)."""
+    moved = projection @ wp.vec4(point[0], point[1], point[2], 1.0)
+    return wp.vec3(moved[0], moved[1], moved[2])
+
+
+@wp.func
+@no_type_check
+def near_cut(depth_in: float, depth_out: float, near: float) -> float:
+    """Fraction from one end to the other at which a segment crosses the near plane."""
+    return (near - depth_in) / (depth_out - depth_in)
+
+
+@wp.func
+@no_type_check
+def depth_at(fraction: float, inverse_a: float, inverse_b: float) -> float:
+    """Depth at a fraction of the projected segment: its inverse is linear on the screen."""
+    return 1.0 / (inverse_a + fraction * (inverse_b - inverse_a))
+
+
+@wp.func
+@no_type_check
+def draw_pixel(column: int, row: int, depth: float, index: int, width: int, keys: wp.array[wp.int64]) -> None:
+    """Lower one pixel's key."""
+    key = (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(index)
+    pixel = row * width + column
+    if key < keys[pixel]:
+        wp.atomic_min(keys, pixel, key)
+
+
+@wp.func
+@no_type_check
+def draw_segment(a: wp.vec3, b: wp.vec3, index: int, width: int, height: int, keys: wp.array[wp.int64]) -> None:
+    """Draw one segment whose ends (pixel x, pixel y, 1 / depth) lie in front of the camera."""
+    dx = b[0] - a[0]
+    dy = b[1] - a[1]
+    if wp.abs(dx) >= wp.abs(dy):
+        if wp.abs(dx) < LONGEST:
+            low = wp.max(wp.min(a[0], b[0]), 0.0)
+            high = wp.min(wp.max(a[0], b[0]), float(width))
+            start = int(wp.ceil(low - 0.5))
+            stop = int(wp.ceil(high - 0.5))
+            for column in range(start, stop):
+                fraction = (float(column) + 0.5 - a[0]) / dx
+                y = a[1] + fraction * dy
+                if y >= 0.0 and y < float(height):
+                    draw_pixel(column, int(y), depth_at(fraction, a[2], b[2]), index, width, keys)
+    elif wp.abs(dy) < LONGEST:
+        low = wp.max(wp.min(a[1], b[1]), 0.0)
+        high = wp.min(wp.max(a[1], b[1]), float(height))
+        start = int(wp.ceil(low - 0.5))
+        stop = int(wp.ceil(high - 0.5))
+        for row in range(start, stop):
+            fraction = (float(row) + 0.5 - a[1]) / dy
+            x = a[0] + fraction * dx
+            if x >= 0.0 and x < float(width):
+                draw_pixel(int(x), row, depth_at(fraction, a[2], b[2]), index, width, keys)
+
+
+@wp.func
+@no_type_check
+def to_screen(point: wp.vec3) -> wp.vec3:
+    """Homogeneous pixels to pixel x, pixel y and inverse depth."""
+    inverse = 1.0 / point[2]
+    return wp.vec3(point[0] * inverse, point[1] * inverse, inverse)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def draw_lines(
+    first: int,
+    points: wp.array[wp.vec3],
+    projections: wp.array[wp.mat44],
+    near: float,
+    points_per_strand: int,
+    runs_per_strand: int,
+    segments_per_run: int,
+    width: int,
+    height: int,
+    keys: wp.array[wp.int64],
+) -> None:
+    """Draw one run of consecutive segments of one strand; neighbouring segments share a projected point."""
+    item = first + wp.tid()
+    projection = projections[0]
+    strand = item // runs_per_strand
+    start = (item - strand * runs_per_strand) * segments_per_run
+    stop = wp.min(start + segments_per_run, points_per_strand - 1)
+    base = strand * points_per_strand
+    a = transform(projection, points[base + start])
+    a_screen = to_screen(a)
+    for k in range(start, stop):
+        b = transform(projection, points[base + k + 1])
+        b_screen = to_screen(b)
+        index = strand * (points_per_strand - 1) + k
+        if a[2] > near:
+            if b[2] > near:
+                draw_segment(a_screen, b_screen, index, width, height, keys)
+            else:
+                cut = to_screen(wp.lerp(a, b, near_cut(a[2], b[2], near)))
+                draw_segment(a_screen, cut, index, width, height, keys)
+        elif b[2] > near:
+            cut = to_screen(wp.lerp(b, a, near_cut(b[2], a[2], near)))
+            draw_segment(cut, b_screen, index, width, height, keys)
+        a = b
+        a_screen = b_screen
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def resolve_lines(
+    first: int,
+    keys: wp.array[wp.int64],
+    points: wp.array[wp.vec3],
+    projections: wp.array[wp.mat44],
+    near: float,
+    points_per_strand: int,
+    width: int,
+    segment: wp.array[wp.int64],
+    position: wp.array[float],
+    depth: wp.array[float],
+) -> None:
+    """Recover a pixel's segment, depth and perspective-correct position from its key."""
+    pixel = first + wp.tid()
+    key = keys[pixel]
+    index = key & wp.int64(NO_PRIMITIVE)
+    if index == wp.int64(NO_PRIMITIVE):
+        segment[pixel] = wp.int64(-1)
+        position[pixel] = 0.0
+        depth[pixel] = wp.inf
+        return
+    segment[pixel] = index
+    strand = int(index) // (points_per_strand - 1)
+    base = int(index) + strand
+    a = transform(projections[0], points[base])
+    b = transform(projections[0], points[base + 1])
+    # The part of the segment in front of the near plane starts at `begin` and ends at `end` of its length.
+    begin = wp.float32(0.0)
+    end = wp.float32(1.0)
+    if not a[2] > near:
+        begin = 1.0 - near_cut(b[2], a[2], near)
+    if not b[2] > near:
+        end = near_cut(a[2], b[2], near)
+    a_screen = to_screen(wp.lerp(a, b, begin))
+    b_screen = to_screen(wp.lerp(a, b, end))
+    dx = b_screen[0] - a_screen[0]
+    dy = b_screen[1] - a_screen[1]
+    row = pixel // width
+    if wp.abs(dx) >= wp.abs(dy):
+        fraction = (float(pixel - row * width) + 0.5 - a_screen[0]) / dx
+    else:
+        fraction = (float(row) + 0.5 - a_screen[1]) / dy
+    inverse = a_screen[2] + fraction * (b_screen[2] - a_screen[2])
+    along = fraction * b_screen[2] / inverse
+    position[pixel] = wp.clamp(begin + along * (end - begin), 0.0, 1.0)
+    depth[pixel] = wp.cast(wp.int32(key >> wp.int64(32)), wp.float32)

@@ -1,0 +1,148 @@
+"""Soft rasterisation: points splatted bilinearly to their neighbouring pixels (paper, "Differentiable Rasterization").
+
+At a pixel u the map is h_u = sum(w g) / sum(w) over the points that reach it, w being the bilinear weight. Where the
+sum of weights is below `minimum_weight` it divides by that instead: a point that barely touches a pixel fades in
+rather than filling it, and gradients stay bounded by 1 / minimum_weight.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import torch
+import warp as wp
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation import kernels
+from neural_strands.raster import splat_kernels
+from neural_strands.raster.keys import run_together
+from neural_strands.raster.reference import splat_reference
+
+MINIMUM_WEIGHT = 0.1
+"""Default least divisor of the weighted mean."""
+CHANNELS_PER_THREAD = 4
+"""Channels that one CUDA thread adds; on the CPU one item is a whole point."""
+
+
+class SplatMap(NamedTuple):
+    """Splatted features at one resolution.
+
+    Attributes:
+        features: weighted means, zero where nothing was splatted; channels-last in memory.
+        coverage: sum of the weights, zero where nothing was splatted.
+    """
+
+    features: Float[Tensor, "channel height width"]
+    coverage: Float[Tensor, "height width"]
+
+
+def splat(
+    pixels: Float[Tensor, "point 2"],
+    features: Float[Tensor, "point channel"],
+    size: tuple[int, int],
+    minimum_weight: float = MINIMUM_WEIGHT,
+) -> SplatMap:
+    """Splat points to an image, with gradients to where they are and to what they carry.
+
+    Args:
+        pixels: x and y in pixels, pixel centres at +0.5; points off the image are clipped to what reaches it.
+        features: what each point carries.
+        size: height and width of the image.
+        minimum_weight: least divisor of the weighted mean.
+    """
+    return splat_pyramid(pixels, features, size, 1, minimum_weight)[0]
+
+
+def splat_pyramid(
+    pixels: Float[Tensor, "point 2"],
+    features: Float[Tensor, "point channel"],
+    size: tuple[int, int],
+    levels: int,
+    minimum_weight: float = MINIMUM_WEIGHT,
+) -> list[SplatMap]:
+    """Splat points to an image and to its halvings, in one pass over one set of points.
+
+    Level l has ceil(height / 2^l) by ceil(width / 2^l) pixels, each 2^l pixels of the image wide.
+    Tensors that are not float32 take the plain torch path.
+    """
+    sizes = [(-(-size[0] // 2**level), -(-size[1] // 2**level)) for level in range(levels)]
+    if features.dtype != torch.float32 or pixels.dtype != torch.float32:
+        planes = [splat_reference(pixels, features, sizes[k], 0.5**k, minimum_weight) for k in range(levels)]
+    else:
+        flat = _Splat.apply(pixels, features, sizes, minimum_weight)
+        planes = list(zip(flat[0::2], flat[1::2], strict=True))
+    return [
+        SplatMap(mean.view(height, width, -1).permute(2, 0, 1), weight.view(height, width))
+        for (mean, weight), (height, width) in zip(planes, sizes, strict=True)
+    ]
+
+
+class _Splat(torch.autograd.Function):
+    """The splat by kernels: flat means and weights of every level, one after the other."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, pixels: Tensor, features: Tensor, sizes: list[tuple[int, int]], minimum_weight: float
+    ) -> tuple[Tensor, ...]:
+        planes = [
+            (features.new_zeros(height * width, features.shape[1]), features.new_zeros(height * width))
+            for height, width in sizes
+        ]
+        _accumulate(pixels, features, sizes, planes)
+        for means, weights in planes:
+            inputs = [minimum_weight, kernels.array(weights), kernels.array(means)]
+            kernels.launch_split(splat_kernels.normalise, len(weights), inputs, features.device)
+        flat = tuple(plane for pair in planes for plane in pair)
+        ctx.save_for_backward(pixels, features, *flat)
+        ctx.sizes, ctx.minimum_weight = sizes, minimum_weight
+        ctx.set_materialize_grads(False)
+        return flat
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+        pixels, features, *flat = ctx.saved_tensors
+        grad_pixels, grad_features = torch.zeros_like(pixels), torch.zeros_like(features)
+        for level, (height, width) in enumerate(ctx.sizes):
+            grads, planes = gradients[2 * level : 2 * level + 2], flat[2 * level : 2 * level + 2]
+            if grads[0] is None and grads[1] is None:
+                continue
+            filled = [torch.zeros_like(plane) if g is None else g for g, plane in zip(grads, planes, strict=True)]
+            inputs = [
+                kernels.array(pixels, wp.vec2),
+                kernels.array(features),
+                0.5**level,
+                width,
+                height,
+                ctx.minimum_weight,
+                *(kernels.array(plane) for plane in (*planes, *filled)),
+                kernels.array(grad_pixels, wp.vec2),
+                kernels.array(grad_features),
+            ]
+            kernels.launch_split(splat_kernels.gather_gradients, len(pixels), inputs, pixels.device)
+        return grad_pixels, grad_features, None, None
+
+
+def _accumulate(
+    pixels: Tensor, features: Tensor, sizes: list[tuple[int, int]], planes: list[tuple[Tensor, Tensor]]
+) -> None:
+    """Sum weighted features and weights; on the CPU each thread owns a band of rows and passes over all points."""
+    kernel, device = splat_kernels.accumulate, features.device
+    kernels.load(kernel, device)
+    on_gpu = device.type == "cuda"
+    bands = 1 if on_gpu else torch.get_num_threads()
+    run = CHANNELS_PER_THREAD if on_gpu else max(features.shape[1], 1)
+    items = len(pixels) * max(-(-features.shape[1] // run), 1)
+    points = [kernels.array(pixels, wp.vec2), kernels.array(features)]
+    jobs = [[] for _ in range(bands)]
+    for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
+        outputs = [kernels.array(sums), kernels.array(weights)]
+        for band in range(bands):
+            rows = [height * band // bands, height * (band + 1) // bands]
+            inputs = [*points, 0.5**level, width, *rows, run, *outputs]
+            jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
+    run_together([functools.partial(_run_all, band) for band in jobs])
+
+
+def _run_all(jobs: list) -> None:
+    for job in jobs:
+        job()

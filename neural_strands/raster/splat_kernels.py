@@ -1,0 +1,120 @@
+"""Warp kernels of the bilinear splat at one resolution: sums on the way forward, gathers on the way back.
+
+Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+
+@wp.func
+@no_type_check
+def corner_weight(fraction: float, side: int) -> float:
+    """Bilinear weight of the near (side 0) or far (side 1) neighbour along one axis."""
+    if side == 0:
+        return 1.0 - fraction
+    return fraction
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def accumulate(
+    pixels: wp.array[wp.vec2],
+    features: wp.array2d[float],
+    scale: float,
+    width: int,
+    first_row: int,
+    last_row: int,
+    channels_per_item: int,
+    sums: wp.array2d[float],
+    weights: wp.array[float],
+) -> None:
+    """Add some channels of one point to its four neighbours among the rows [first_row, last_row)."""
+    item = wp.tid()
+    channels = features.shape[1]
+    blocks = wp.max((channels + channels_per_item - 1) // channels_per_item, 1)
+    point = item // blocks
+    first = (item - point * blocks) * channels_per_item
+    last = wp.min(first + channels_per_item, channels)
+    x = pixels[point][0] * scale - 0.5
+    y = pixels[point][1] * scale - 0.5
+    if not (x > -1.0 and x < float(width) and y > float(first_row) - 1.0 and y < float(last_row)):
+        return
+    column = int(wp.floor(x))
+    row = int(wp.floor(y))
+    for corner in range(4):
+        u = column + corner % 2
+        v = row + corner // 2
+        weight = corner_weight(x - float(column), corner % 2) * corner_weight(y - float(row), corner // 2)
+        if u >= 0 and u < width and v >= first_row and v < last_row and weight > 0.0:
+            cell = v * width + u
+            if first == 0:
+                wp.atomic_add(weights, cell, weight)
+            for channel in range(first, last):
+                wp.atomic_add(sums, cell, channel, weight * features[point, channel])
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def normalise(start: int, minimum_weight: float, weights: wp.array[float], sums: wp.array2d[float]) -> None:
+    """Turn one pixel's sums into a weighted mean."""
+    cell = start + wp.tid()
+    if weights[cell] > 0.0:
+        inverse = 1.0 / wp.max(weights[cell], minimum_weight)
+        for channel in range(sums.shape[1]):
+            sums[cell, channel] = sums[cell, channel] * inverse
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def gather_gradients(
+    start: int,
+    pixels: wp.array[wp.vec2],
+    features: wp.array2d[float],
+    scale: float,
+    width: int,
+    height: int,
+    minimum_weight: float,
+    means: wp.array2d[float],
+    weights: wp.array[float],
+    grad_means: wp.array2d[float],
+    grad_weights: wp.array[float],
+    grad_pixels: wp.array[wp.vec2],
+    grad_features: wp.array2d[float],
+) -> None:
+    """Add what one point's four neighbours say to the point's gradients."""
+    point = start + wp.tid()
+    x = pixels[point][0] * scale - 0.5
+    y = pixels[point][1] * scale - 0.5
+    if not (x > -1.0 and x < float(width) and y > -1.0 and y < float(height)):
+        return
+    column = int(wp.floor(x))
+    row = int(wp.floor(y))
+    total = wp.vec2(0.0, 0.0)
+    for corner in range(4):
+        u = column + corner % 2
+        v = row + corner // 2
+        weight_x = corner_weight(x - float(column), corner % 2)
+        weight_y = corner_weight(y - float(row), corner // 2)
+        if u >= 0 and u < width and v >= 0 and v < height:
+            cell = v * width + u
+            inverse = 1.0 / wp.max(weights[cell], minimum_weight)
+            # Below the least weight the divisor is a constant, and the mean has no part in the derivative.
+            kept = wp.float32(0.0)
+            if weights[cell] > minimum_weight:
+                kept = 1.0
+            share = weight_x * weight_y * inverse
+            pull = wp.float32(0.0)
+            for channel in range(features.shape[1]):
+                gradient = grad_means[cell, channel]
+                pull += gradient * (features[point, channel] - kept * means[cell, channel])
+                grad_features[point, channel] = grad_features[point, channel] + share * gradient
+            grad_weight = (pull * inverse + grad_weights[cell]) * scale
+            total += grad_weight * wp.vec2(
+                float(2 * (corner % 2) - 1) * weight_y, float(2 * (corner // 2) - 1) * weight_x
+            )
+    grad_pixels[point] = grad_pixels[point] + total
