@@ -43,26 +43,34 @@ class PointGrid:
     mask: int
 
     @classmethod
-    def build(cls, points: Float[Tensor, "point 3"], cell: float) -> "PointGrid":
-        """Sort `points` into cells with an edge of about `cell` metres (float32, any device).
+    def build(cls, points: Float[Tensor, "point 3"], radius: float, cell: float | None = None) -> "PointGrid":
+        """Sort `points` into cells for searches within about `radius` metres (float32, any device).
+
+        Args:
+            points: positions, metres.
+            radius: the usual reach of a search, metres; any other reach gives right answers too.
+            cell: edge of a cell in metres; by default the mean distance between points if they filled their box, but
+                between an eighth of the radius and the radius (measured fastest on grooms, 2 to 10 mm).
 
         Raises:
-            ValueError: a coordinate is not finite, or the cell is not positive.
+            ValueError: a coordinate is not finite, or a size is not positive.
         """
-        if not cell > 0:
-            raise ValueError(f"expected a positive cell, came {cell}")
+        if not radius > 0 or (cell is not None and not cell > 0):
+            raise ValueError(f"expected a positive radius and cell, came {radius} and {cell}")
         points = points.detach().float().contiguous()
         count, device = len(points), points.device
         if count == 0:
             zero = torch.zeros(2, dtype=torch.int32, device=device)
-            return cls(points, zero[:0], zero, (0.0, 0.0, 0.0), (0, 0, 0), cell, 0)
+            return cls(points, zero[:0], zero, (0.0, 0.0, 0.0), (0, 0, 0), radius, 0)
         low, high = torch.aminmax(points, dim=0)
         lower, upper = low.tolist(), high.tolist()
         if not all(math.isfinite(value) for value in (*lower, *upper)):
             raise ValueError("expected finite points, came some that are not")
-        extent = max(b - a for a, b in zip(lower, upper, strict=True))
-        cell = max(cell, extent / (LARGEST_CELLS - 2))
-        columns, rows, slices = (int((b - a) / cell) + 2 for a, b in zip(lower, upper, strict=True))
+        extent = [b - a for a, b in zip(lower, upper, strict=True)]
+        if cell is None:
+            cell = min(max(math.cbrt(math.prod(extent) / count), radius / 8), radius)
+        cell = max(cell, max(extent) / (LARGEST_CELLS - 2))
+        columns, rows, slices = (int(along / cell) + 2 for along in extent)
         mask = (1 << max(2 * count - 1, 1023).bit_length()) - 1
         keys = torch.zeros(count, dtype=torch.int32, device=device)
         counts = torch.zeros(mask + columns + 2, dtype=torch.int32, device=device)

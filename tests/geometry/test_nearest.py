@@ -40,7 +40,7 @@ def test_any_cell_size_gives_the_same_answer(seed, spread, cell):
     random = torch.Generator().manual_seed(seed)
     points, queries = torch.randn(200, 3, generator=random) * spread, torch.randn(100, 3, generator=random) * spread
     radius = 0.4 * spread
-    distance, index = nearest(queries, PointGrid.build(points, cell * radius), radius)
+    distance, index = nearest(queries, PointGrid.build(points, radius, cell * radius), radius)
     expected_distance, expected_index = nearest_reference(queries, points, radius)
     same = (index == expected_index) | ((distance - expected_distance).abs() <= 1e-6 * distance)
     # Only a distance that equals the radius to rounding may be judged either way.
