@@ -1,0 +1,136 @@
+"""The image generator: splatted descriptors at several resolutions in, hair colour and opacity out.
+
+Paper, section 4.3, "Image Generation". Design decisions:
+
+- The descriptor map of each level joins the encoder at that level, so holes at full resolution are filled from below.
+- Alias-free (the default): resampling by designed low-pass filters, activations filtered at twice the resolution.
+  Plain: strided convolutions, nearest-neighbour upsampling and pointwise activations, kept for the ablation.
+- No normalisation layer: a crop renders as the same pixels of the whole image do, and a shift stays a shift.
+- Colour starts as a linear decode of the descriptors and opacity as their coverage; the convolutions correct both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from neural_strands.raster.filters import LowPass
+from neural_strands.raster.resample import downsample, filtered_leaky_relu, leaky_relu, upsample
+
+
+@dataclass(frozen=True)
+class UNetConfig:
+    """Size and kind of the image generator."""
+
+    widths: tuple[int, ...] = (16, 32, 48, 64)
+    """Channels at each level, finest first; every level halves the resolution."""
+    alias_free: bool = True
+    """Filtered resampling and activations; otherwise strided convolutions and pointwise activations."""
+    low_pass: LowPass = field(default_factory=LowPass)
+    """The filter between neighbouring levels and around activations."""
+
+    @property
+    def levels(self) -> int:
+        """Number of resolutions."""
+        return len(self.widths)
+
+    @property
+    def stride(self) -> int:
+        """Pixels of the finest level a pixel of the coarsest."""
+        return 2 ** (self.levels - 1)
+
+
+class Activated(nn.Module):
+    """A 3 x 3 convolution and its activation."""
+
+    kernel: Tensor
+
+    def __init__(self, inputs: int, outputs: int, config: UNetConfig, generator: torch.Generator) -> None:
+        super().__init__()
+        self.alias_free = config.alias_free
+        weight = torch.randn(outputs, inputs, 3, 3, generator=generator) / (9 * inputs) ** 0.5
+        self.weight = nn.Parameter(weight.contiguous(memory_format=torch.channels_last))
+        self.bias = nn.Parameter(torch.zeros(outputs))
+        self.register_buffer("kernel", config.low_pass.coefficients(), persistent=False)
+
+    def forward(
+        self, images: Float[Tensor, "batch inputs height width"], stride: int = 1
+    ) -> Float[Tensor, "batch outputs new_height new_width"]:
+        """Convolve, add the bias, activate."""
+        linear = F.conv2d(images, self.weight, stride=stride, padding=1)
+        return filtered_leaky_relu(linear, self.bias, self.kernel) if self.alias_free else leaky_relu(linear, self.bias)
+
+
+class UNet(nn.Module):
+    """Descriptor pyramid to the colour and the opacity (before its sigmoid) of the hair."""
+
+    kernel: Tensor
+
+    def __init__(self, inputs: int, config: UNetConfig, generator: torch.Generator) -> None:
+        super().__init__()
+        self.config = config
+        widths = config.widths
+        self.register_buffer("kernel", config.low_pass.coefficients(), persistent=False)
+        self.encoders = nn.ModuleList(
+            Activated(inputs + above, width, config, generator)
+            for above, width in zip((0, *widths[:-1]), widths, strict=True)
+        )
+        self.strided = nn.ModuleList(
+            Activated(width, width, config, generator) for width in (() if config.alias_free else widths[:-1])
+        )
+        self.decoders = nn.ModuleList(
+            Activated(fine + coarse, fine, config, generator) for fine, coarse in pairwise(widths)
+        )
+        self.output = nn.Parameter(0.1 * torch.randn(4, widths[0], 1, 1, generator=generator) / widths[0] ** 0.5)
+        self.decode = nn.Parameter(torch.randn(3, inputs, 1, 1, generator=generator) / inputs**0.5)
+        self.bias = nn.Parameter(torch.zeros(4))
+
+    def forward(self, pyramid: Sequence[Float[Tensor, "batch channel _ _"]]) -> Float[Tensor, "batch 4 height width"]:
+        """Colour and opacity logit of every pixel of the finest map, of any size.
+
+        Args:
+            pyramid: descriptor maps, finest first, each side half the one before, rounded up.
+
+        Raises:
+            ValueError: the number of maps or their sizes do not fit the network.
+        """
+        height, width = pyramid[0].shape[-2:]
+        maps = self._padded(pyramid)
+        hidden = self.encoders[0](maps[0])
+        kept = [hidden]
+        for level in range(1, self.config.levels):
+            hidden = self.encoders[level](torch.cat([self._down(hidden, level - 1), maps[level]], dim=1))
+            kept.append(hidden)
+        for level in reversed(range(self.config.levels - 1)):
+            hidden = self.decoders[level](torch.cat([kept[level], self._up(hidden)], dim=1))
+        corrected = F.conv2d(hidden, self.output, self.bias)
+        linear = F.conv2d(maps[0], self.decode)
+        return (corrected + F.pad(linear, (0, 0, 0, 0, 0, 1)))[..., :height, :width]
+
+    def _down(self, images: Tensor, level: int) -> Tensor:
+        return downsample(images, self.kernel) if self.config.alias_free else self.strided[level](images, stride=2)
+
+    def _up(self, images: Tensor) -> Tensor:
+        return upsample(images, self.kernel) if self.config.alias_free else F.interpolate(images, scale_factor=2.0)
+
+    def _padded(self, pyramid: Sequence[Tensor]) -> list[Tensor]:
+        """Zeros at the right and the bottom, so that every level halves the one before exactly."""
+        stride, levels = self.config.stride, self.config.levels
+        if len(pyramid) != levels:
+            raise ValueError(f"this UNet reads {levels} descriptor maps, got {len(pyramid)}")
+        sizes = [(-(-side // stride)) * stride for side in pyramid[0].shape[-2:]]
+        padded = []
+        for level, images in enumerate(pyramid):
+            missing = [size // 2**level - side for size, side in zip(sizes, images.shape[-2:], strict=True)]
+            if not all(0 <= side < stride for side in missing):
+                raise ValueError(
+                    f"map {level} has sides {tuple(images.shape[-2:])}; a finest map of "
+                    f"{tuple(pyramid[0].shape[-2:])} needs each side halved {level} times"
+                )
+            grown = F.pad(images, (0, missing[1], 0, missing[0])) if any(missing) else images
+            padded.append(grown.contiguous(memory_format=torch.channels_last))
+        return padded

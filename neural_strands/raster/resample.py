@@ -1,0 +1,95 @@
+"""Resampling by two and pointwise nonlinearities that keep their band limit (StyleGAN3 paper, section 3).
+
+Plain torch convolutions, one a channel and an axis, written for channels-last memory: the fast path on CPU and CUDA
+alike, and autograd's own backward pass. Grids are aligned by pixel areas: a coarse pixel covers `factor` fine ones.
+"""
+
+import math
+
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional as F
+
+Images = Float[Tensor, "batch channel height width"]
+Resampled = Float[Tensor, "batch channel new_height new_width"]
+
+LEAKY_SLOPE = 0.2
+LEAKY_GAIN = math.sqrt(2.0)
+CLAMP = 256.0
+"""Activations are cut here: far outside anything a trained network makes, near enough for half precision."""
+
+
+def upfirdn2d(
+    images: Images, kernel: Float[Tensor, " tap"], up: int = 1, down: int = 1, padding: tuple[int, int] = (0, 0)
+) -> Resampled:
+    """Insert `up - 1` zeros after each sample, pad, convolve with `kernel` along both axes, keep every `down`-th.
+
+    The general operator, and the twin that the fast paths below are held to. The kernel is symmetric in all our uses
+    (convolution and correlation agree). `padding` is zeros before and after, on the upsampled grid.
+    """
+    batch, channel, height, width = images.shape
+    spread = images.new_zeros(batch, channel, height, up, width, up)
+    spread[:, :, :, 0, :, 0] = images
+    spread = spread.reshape(batch, channel, height * up, width * up)
+    padded = F.pad(spread, [*padding, *padding])
+    vertical, horizontal = _axes(kernel, images)
+    return F.conv2d(F.conv2d(padded, vertical, groups=channel), horizontal, groups=channel)[:, :, ::down, ::down]
+
+
+def upsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -> Resampled:
+    """Interpolate to `factor` times as many pixels; `kernel` (even taps, sum one) runs on the fine grid."""
+    channel, pad = images.shape[1], _alignment(kernel, factor)
+    vertical, horizontal = _axes(kernel * factor, images)
+    tall = F.conv_transpose2d(images, vertical, stride=(factor, 1), padding=(pad, 0), groups=channel)
+    return F.conv_transpose2d(tall, horizontal, stride=(1, factor), padding=(0, pad), groups=channel)
+
+
+def downsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -> Resampled:
+    """Low-pass and keep one pixel in `factor`; `kernel` (even taps, sum one) runs on the fine grid.
+
+    Raises:
+        ValueError: a side that `factor` does not divide.
+    """
+    _, channel, height, width = images.shape
+    if height % factor or width % factor:
+        raise ValueError(f"downsampling by {factor} needs sides that it divides, got {height} x {width}")
+    pad = _alignment(kernel, factor)
+    vertical, horizontal = _axes(kernel, images)
+    narrow = F.conv2d(images, horizontal, stride=(1, factor), padding=(0, pad), groups=channel)
+    return F.conv2d(narrow, vertical, stride=(factor, 1), padding=(pad, 0), groups=channel)
+
+
+def leaky_relu(images: Images, bias: Float[Tensor, " channel"]) -> Images:
+    """Bias, leaky ReLU, gain that keeps the variance, clamp: pointwise, so its output is not band-limited."""
+    activated = F.leaky_relu(images + _per_channel(bias, images), LEAKY_SLOPE)
+    return (activated * LEAKY_GAIN).clamp(-CLAMP, CLAMP)
+
+
+def filtered_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> Images:
+    """Leaky ReLU applied at twice the resolution, so that what it adds above the band limit can be filtered away.
+
+    `kernel` interpolates on the way up and removes the new frequencies on the way down. The gain rides on the second
+    pass and the clamp follows it: at twice the resolution a pointwise step costs as much as a filter.
+    """
+    fine = upsample(images + _per_channel(bias, images), kernel)
+    activated = F.leaky_relu(fine, LEAKY_SLOPE, inplace=True)
+    return downsample(activated, kernel * math.sqrt(LEAKY_GAIN)).clamp(-CLAMP, CLAMP)
+
+
+def _per_channel(bias: Float[Tensor, " channel"], images: Images) -> Float[Tensor, "channel 1 1"]:
+    return bias.to(images)[:, None, None]
+
+
+def _alignment(kernel: Float[Tensor, " tap"], factor: int) -> int:
+    """Zeros before the first sample that centre the kernel on the coarse pixel: (taps - factor) / 2."""
+    extra = len(kernel) - factor
+    if extra < 0 or extra % 2:
+        raise ValueError(f"a kernel of {len(kernel)} taps cannot be centred on pixels {factor} times as wide")
+    return extra // 2
+
+
+def _axes(kernel: Float[Tensor, " tap"], images: Images) -> tuple[Tensor, Tensor]:
+    """The kernel as one vertical and one horizontal filter a channel, in the images' precision."""
+    taps, channel = len(kernel), images.shape[1]
+    per_channel = kernel.to(images).repeat(channel, 1)
+    return per_channel.view(channel, 1, taps, 1), per_channel.view(channel, 1, 1, taps)

@@ -1,0 +1,134 @@
+"""Resampling against naive sums, the general operator, and shifts of band-limited images."""
+
+import math
+
+import pytest
+import torch
+from torch.nn import functional as F
+
+from neural_strands.raster.filters import LowPass
+from neural_strands.raster.resample import (
+    LEAKY_GAIN,
+    downsample,
+    filtered_leaky_relu,
+    leaky_relu,
+    upfirdn2d,
+    upsample,
+)
+
+KERNEL = LowPass().coefficients()
+
+
+def naive_upsample(row: list[float], kernel: list[float], factor: int) -> list[float]:
+    """Each input sample adds its scaled kernel, centred where pixel areas say."""
+    fine = [0.0] * (len(row) * factor)
+    shift = (len(kernel) - factor) // 2
+    for i, value in enumerate(row):
+        for k, weight in enumerate(kernel):
+            if 0 <= i * factor + k - shift < len(fine):
+                fine[i * factor + k - shift] += factor * weight * value
+    return fine
+
+
+def naive_downsample(row: list[float], kernel: list[float], factor: int) -> list[float]:
+    shift = (len(kernel) - factor) // 2
+    return [
+        sum(w * row[i * factor + k - shift] for k, w in enumerate(kernel) if 0 <= i * factor + k - shift < len(row))
+        for i in range(len(row) // factor)
+    ]
+
+
+def along_rows(function, images: torch.Tensor, *arguments) -> torch.Tensor:
+    flat = [function(row.tolist(), KERNEL.tolist(), *arguments) for row in images.reshape(-1, images.shape[-1])]
+    return torch.tensor(flat, dtype=images.dtype).reshape(*images.shape[:-1], -1)
+
+
+@pytest.mark.parametrize(("operator", "naive"), [(upsample, naive_upsample), (downsample, naive_downsample)])
+def test_equals_a_naive_sum(operator, naive, generator):
+    images = torch.randn(2, 3, 10, 16, generator=generator, dtype=torch.float64)
+    wide = along_rows(naive, images, 2)
+    expected = along_rows(naive, wide.mT, 2).mT
+    torch.testing.assert_close(operator(images, KERNEL), expected, rtol=1e-6, atol=1e-7)
+
+
+def test_fast_paths_equal_the_general_operator_in_values_and_gradients(generator):
+    images = torch.randn(2, 4, 12, 20, generator=generator, dtype=torch.float64, requires_grad=True)
+    for fast, slow in (
+        (upsample(images, KERNEL), upfirdn2d(images, 2 * KERNEL, up=2, padding=(6, 5))),
+        (downsample(images, KERNEL), upfirdn2d(images, KERNEL, down=2, padding=(5, 5))),
+    ):
+        torch.testing.assert_close(fast, slow)
+        cotangent = torch.randn(fast.shape, generator=generator, dtype=torch.float64)
+        torch.testing.assert_close(
+            torch.autograd.grad(fast, images, cotangent)[0], torch.autograd.grad(slow, images, cotangent)[0]
+        )
+
+
+def test_gradients_are_those_of_finite_differences(generator):
+    images = torch.randn(1, 2, 4, 6, generator=generator, dtype=torch.float64, requires_grad=True)
+    bias = torch.randn(2, generator=generator, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda x, b: filtered_leaky_relu(x, b, KERNEL), (images, bias))
+    assert torch.autograd.gradcheck(leaky_relu, (images, bias))
+
+
+def test_constants_and_the_linear_side_pass_unchanged():
+    images = torch.full((1, 1, 40, 40), 3.0)
+    inner = (..., slice(12, -12), slice(12, -12))
+    torch.testing.assert_close(upsample(images, KERNEL)[inner], torch.full_like(upsample(images, KERNEL)[inner], 3.0))
+    torch.testing.assert_close(downsample(images, KERNEL)[..., 6:-6, 6:-6], torch.full((1, 1, 8, 8), 3.0))
+    activated = filtered_leaky_relu(images, torch.tensor([1.0]), KERNEL)
+    torch.testing.assert_close(activated[inner], torch.full_like(activated[inner], 4.0 * LEAKY_GAIN))
+
+
+def band_limited(shift: float, size: int = 64) -> torch.Tensor:
+    """A periodic sum of cosines up to a quarter cycle a pixel, moved right by `shift` pixels."""
+    generator = torch.Generator().manual_seed(1)
+    x = torch.arange(size, dtype=torch.float64) - shift
+    y = torch.arange(size, dtype=torch.float64)[:, None]
+    image = torch.zeros(size, size, dtype=torch.float64)
+    for _ in range(24):
+        u, v = torch.randint(-size // 4, size // 4 + 1, (2,), generator=generator).tolist()
+        amplitude, phase = torch.randn(2, generator=generator, dtype=torch.float64).tolist()
+        image += amplitude * torch.cos(2 * math.pi * (u * x + v * y) / size + phase)
+    return image[None, None]
+
+
+def shift_fidelity(activation) -> float:
+    """Peak signal over the error between activating a moved image and moving the activated image, in decibels."""
+    margin = 16
+    still, moved = (
+        activation(F.pad(band_limited(shift), [margin] * 4, mode="circular"))[0, 0, margin:-margin, margin:-margin]
+        for shift in (0.0, 0.5)
+    )
+    ramp = torch.exp(-2j * math.pi * 0.5 * torch.fft.fftfreq(still.shape[-1], dtype=torch.float64))
+    expected = torch.fft.ifft(torch.fft.fft(still) * ramp).real
+    return (10 * torch.log10(expected.abs().max() ** 2 / (expected - moved).square().mean())).item()
+
+
+def test_filtered_activation_moves_with_its_input_and_the_pointwise_one_does_not():
+    bias = torch.zeros(1, dtype=torch.float64)
+    plain = shift_fidelity(lambda x: leaky_relu(x, bias))
+    filtered = shift_fidelity(lambda x: filtered_leaky_relu(x, bias, KERNEL))
+    assert filtered > plain + 10, (filtered, plain)
+
+
+def test_half_precision_neither_overflows_nor_changes_type():
+    images = torch.full((1, 2, 16, 16), 300.0, dtype=torch.bfloat16)
+    activated = filtered_leaky_relu(images, torch.zeros(2), KERNEL)
+    assert activated.dtype == torch.bfloat16
+    assert activated.max() == 256
+
+
+def test_odd_sides_and_lopsided_kernels_are_refused():
+    with pytest.raises(ValueError, match="sides that it divides, got 5 x 6"):
+        downsample(torch.zeros(1, 1, 5, 6), KERNEL)
+    with pytest.raises(ValueError, match="cannot be centred"):
+        upsample(torch.zeros(1, 1, 4, 4), torch.ones(5))
+
+
+def test_round_trip_keeps_a_smooth_image(generator):
+    image = F.interpolate(
+        torch.randn(1, 1, 8, 8, generator=generator), scale_factor=8, mode="bicubic", align_corners=False
+    )
+    restored = downsample(upsample(image, KERNEL), KERNEL)
+    torch.testing.assert_close(restored[..., 8:-8, 8:-8], image[..., 8:-8, 8:-8], atol=0.03, rtol=0)
