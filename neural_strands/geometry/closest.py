@@ -9,9 +9,7 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.mesh import Mesh, barycentric_coordinates
-
-FARTHEST = 1.0e6
-"""Metres beyond which a query gives up: farther than anything a scene holds."""
+from neural_strands.geometry.mesh_query_kernels import closest_kernel, signed_kernel
 
 
 @dataclass(frozen=True)
@@ -43,26 +41,38 @@ class MeshIndex:
         # The arrays are kept: Warp's mesh holds their memory by address.
         self._vertices = kernels.array(mesh.vertices.float(), wp.vec3)
         self._faces = kernels.array(mesh.faces.int().reshape(-1), wp.int32)
+        self._box = [wp.vec3(*bound.tolist()) for bound in (mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0))]
         self._warp = wp.Mesh(points=self._vertices, indices=self._faces, support_winding_number=winding_number)
-
-    @property
-    def id(self) -> int:
-        """The handle that kernels take."""
-        return self._warp.id
 
     def closest(self, points: Float[Tensor, "point 3"]) -> ClosestPoints:
         """Closest surface point of each of `points`."""
-        count = len(points)
-        face = torch.zeros(count, dtype=torch.int32, device=points.device)
-        weights = torch.zeros(count, 3, device=points.device)
-        inputs = [
-            self.id,
-            kernels.array(points.float(), wp.vec3),
-            kernels.array(face, wp.int32),
-            kernels.array(weights, wp.vec3),
-        ]
-        kernels.launch_split(_closest_kernel, count, inputs, points.device)
+        face, weights = self._outputs(points)
+        inputs = [self._warp.id, kernels.array(points.float(), wp.vec3), *self._arrays(face, weights)]
+        kernels.launch_split(closest_kernel, len(points), inputs, points.device)
         return _closest_points(points, self.mesh, face.long(), weights.to(points))
+
+    def closest_signed(self, points: Float[Tensor, "point 3"]) -> tuple[ClosestPoints, Float[Tensor, " point"]]:
+        """Closest surface points, and -1 inside or 1 outside; needs `winding_number`."""
+        face, weights = self._outputs(points)
+        sign = torch.ones(len(points), device=points.device)
+        inputs = [
+            self._warp.id,
+            *self._box,
+            kernels.array(points.float(), wp.vec3),
+            *self._arrays(face, weights),
+            kernels.array(sign, wp.float32),
+        ]
+        kernels.launch_split(signed_kernel, len(points), inputs, points.device)
+        return _closest_points(points, self.mesh, face.long(), weights.to(points)), sign.to(points)
+
+    @staticmethod
+    def _outputs(points: Float[Tensor, "point 3"]) -> tuple[Tensor, Tensor]:
+        face = torch.zeros(len(points), dtype=torch.int32, device=points.device)
+        return face, torch.zeros(len(points), 3, device=points.device)
+
+    @staticmethod
+    def _arrays(face: Tensor, weights: Tensor) -> tuple[wp.array, wp.array]:
+        return kernels.array(face, wp.int32), kernels.array(weights, wp.vec3)
 
 
 def closest_points(points: Float[Tensor, "point 3"], mesh: Mesh) -> ClosestPoints:
@@ -111,17 +121,3 @@ def _closest_on_triangles(
     gap = ((stacked[..., None] * corners).sum(dim=-2) - points).norm(dim=-1).nan_to_num(nan=torch.inf)
     best = gap.argmin(dim=0)
     return stacked.gather(0, best[None, ..., None].expand(1, *best.shape, 3)).squeeze(0)
-
-
-@wp.kernel
-def _closest_kernel(
-    start: int,
-    mesh: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    face: wp.array(dtype=wp.int32),
-    weights: wp.array(dtype=wp.vec3),
-):
-    i = start + wp.tid()
-    query = wp.mesh_query_point_no_sign(mesh, points[i], FARTHEST)
-    face[i] = query.face
-    weights[i] = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)

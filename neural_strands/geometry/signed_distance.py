@@ -8,19 +8,12 @@ import math
 from dataclasses import dataclass
 
 import torch
-import warp as wp
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation import kernels
-from neural_strands.geometry.closest import FARTHEST, MeshIndex, closest_points_reference
+from neural_strands.geometry.closest import MeshIndex, closest_points_reference
 from neural_strands.geometry.mesh import Mesh, face_normals
-
-ACCURACY = 2.0
-"""Distance over size from which a cluster of faces counts as one dipole in the winding number."""
-
-INSIDE = 0.5
-"""Winding number above which a point is inside."""
+from neural_strands.geometry.mesh_query_kernels import INSIDE
 
 ON_SURFACE = 1e-7
 """Metres from the surface below which the face's own normal stands for the gradient."""
@@ -51,10 +44,7 @@ class SignedDistanceIndex:
 
     def __call__(self, points: Float[Tensor, "point 3"]) -> SignedDistance:
         """Signed distance of each point; its gradient with respect to `points` is the outward direction."""
-        closest = self._index.closest(points.detach())
-        sign = torch.ones(len(points), device=points.device)
-        inputs = [self._index.id, kernels.array(points.float(), wp.vec3), kernels.array(sign, wp.float32)]
-        kernels.launch_split(_sign_kernel, len(points), inputs, points.device)
+        closest, sign = self._index.closest_signed(points.detach())
         return _signed(points, closest.position, sign, self._face_normals[closest.face])
 
 
@@ -95,10 +85,3 @@ def _signed(
         outward = torch.where(gap > ON_SURFACE, sign[:, None] * offset / gap.clamp(min=ON_SURFACE), surface_normals)
     # The closest point moves at right angles to the offset, so the unit direction is the whole gradient.
     return SignedDistance((offset * outward.to(points)).sum(-1), closest, outward.to(points))
-
-
-@wp.kernel
-def _sign_kernel(start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), sign: wp.array(dtype=wp.float32)):
-    i = start + wp.tid()
-    query = wp.mesh_query_point_sign_winding_number(mesh, points[i], FARTHEST, ACCURACY, INSIDE)
-    sign[i] = query.sign

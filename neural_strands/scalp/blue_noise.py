@@ -10,7 +10,7 @@ import math
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 DART_RADIUS = 0.66
@@ -47,7 +47,7 @@ def eliminate(points: Float[Tensor, "candidate 3"], count: int, area: float) -> 
 
 def _throw_darts(positions: np.ndarray, radius: float) -> np.ndarray:
     """A maximal subset with no two points closer than `radius`, the same as throwing them in order."""
-    pairs = cKDTree(positions).query_pairs(radius, output_type="ndarray")
+    pairs = KDTree(positions).query_pairs(radius, output_type="ndarray")
     winner, loser = pairs.T
     undecided = np.ones(len(positions), bool)
     taken = np.zeros(len(positions), bool)
@@ -71,7 +71,7 @@ def _remove_crowded(positions: np.ndarray, surplus: int, largest: float) -> np.n
     if surplus == 0:
         return np.flatnonzero(alive)
     reach = 2.0 * largest
-    pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
+    pairs = KDTree(positions).query_pairs(reach, output_type="ndarray")
     first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
     gap = np.linalg.norm(positions[first] - positions[second], axis=1)
     share = (1.0 - gap / reach) ** EXPONENT

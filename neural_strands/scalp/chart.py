@@ -2,8 +2,8 @@
 
 Each piece of the scalp is made a disk (holes are filled with fans that stand in for what is missing), laid on a
 circle by Tutte's embedding, which cannot overlap, and relaxed towards equal lengths by `chart_relax`, whose every
-step keeps all triangles turned the same way and the outline simple: the chart stays injective. Pieces are turned so that
-u runs along world +x, scaled to their true area and packed on shelves.
+step keeps all triangles turned the same way and the outline simple: the chart stays injective. Pieces are turned so
+that u runs along world +x, scaled to their true area and packed on shelves.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from scipy.sparse import coo_matrix, diags
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu
 
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.scalp.chart_relax import relax
@@ -85,7 +85,7 @@ def tutte_embedding(triangles: np.ndarray, boundary: np.ndarray, positions: np.n
     adjacency = ((adjacency + adjacency.T) > 0).astype(float)
     laplacian = (diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency).tocsc()
     known = -laplacian[inner][:, boundary] @ uv[boundary]
-    uv[inner] = spsolve(laplacian[inner][:, inner], known).reshape(-1, 2)
+    uv[inner] = splu(laplacian[inner][:, inner].tocsc()).solve(np.asarray(known))
     return uv
 
 

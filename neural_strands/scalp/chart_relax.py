@@ -6,6 +6,7 @@ cross itself is shortened, so the result is as injective as the start.
 """
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import coo_matrix, identity
@@ -19,6 +20,12 @@ TOLERANCE = 1e-4
 """Relative fall of the energy over `PATIENCE` steps at which it counts as converged."""
 
 PATIENCE = 5
+
+Solve = Callable[[np.ndarray], np.ndarray]
+"""Solves a linear system for a right-hand side (vertex, 2)."""
+
+Pairs = deque[tuple[np.ndarray, np.ndarray]]
+"""Past steps and the changes of gradient that they made."""
 
 
 def relax(
@@ -41,7 +48,7 @@ def relax(
     area = area / area.sum()
     uv, solve = start, _laplacian_solver(triangles, rest_inverse, area, len(positions))
     energy, gradient = _energy(uv, triangles, rest_inverse, area)
-    history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=MEMORY)
+    history: Pairs = deque(maxlen=MEMORY)
     energies = [energy]
     for _ in range(ITERATIONS):
         direction = -_two_loop(gradient, history, solve)
@@ -107,7 +114,7 @@ def _energy(
     return float((area * square * (1 + determinant**-2)).sum()), gradient
 
 
-def _laplacian_solver(triangles: np.ndarray, rest_inverse: np.ndarray, area: np.ndarray, count: int):  # noqa: ANN202
+def _laplacian_solver(triangles: np.ndarray, rest_inverse: np.ndarray, area: np.ndarray, count: int) -> Solve:
     """The solve of the surface's Laplacian (times the energy's Hessian at rest), slightly regularised."""
     hats = np.stack([-rest_inverse.sum(axis=1), rest_inverse[:, 0], rest_inverse[:, 1]], axis=1)
     blocks = 8 * area[:, None, None] * hats @ hats.transpose(0, 2, 1)
@@ -118,7 +125,7 @@ def _laplacian_solver(triangles: np.ndarray, rest_inverse: np.ndarray, area: np.
     return factor.solve
 
 
-def _two_loop(gradient: np.ndarray, history: deque, solve) -> np.ndarray:  # noqa: ANN001
+def _two_loop(gradient: np.ndarray, history: Pairs, solve: Solve) -> np.ndarray:
     """L-BFGS's inverse Hessian times the gradient (Nocedal's two loops), preconditioned by `solve`."""
     result, alphas = gradient.copy(), []
     for step, change in reversed(history):

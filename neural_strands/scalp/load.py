@@ -81,7 +81,7 @@ def check_chart(head: Head, name: str, polygon: np.ndarray | None = None) -> Non
     if len(pairs):
         shown = ", ".join(f"{numbers[a]} and {numbers[b]}" for a, b in pairs[:4].tolist())
         raise InputError(
-            f"{name}: expected a scalp chart without overlaps, found {len(pairs)} overlapping pairs of faces ({shown}); "
+            f"{name}: expected a scalp chart without overlaps, found {len(pairs)} overlapping pairs ({shown}); "
             "unwrap it again, or give the faces alone and a chart is made."
         )
 
@@ -98,7 +98,7 @@ def _found(path: Path, mesh: Mesh) -> Int64[Tensor, " scalp"]:
         return scalp_faces(mesh)
     except ValueError as error:
         raise InputError(
-            f"{path}: expected an upright head (y up, +z out of the face), found no scalp; name it with a list of faces."
+            f"{path}: expected an upright head (y up, +z out of the face), found no scalp; name its faces in a list."
         ) from error
 
 

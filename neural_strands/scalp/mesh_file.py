@@ -46,7 +46,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     highest = int(result.mesh.faces.max())
     if highest >= len(result.mesh.vertices) or int(result.mesh.faces.min()) < 0:
         raise InputError(
-            f"{path}: expected vertex numbers up to {len(result.mesh.vertices)}, found {highest + 1}; the file is cut off."
+            f"{path}: expected vertex numbers up to {len(result.mesh.vertices)}, found {highest + 1}: is it cut off?"
         )
     return result
 

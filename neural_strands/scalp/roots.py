@@ -87,7 +87,7 @@ def roots_at(head: Head, face: Int64[Tensor, " root"], barycentric: Float[Tensor
 def _random_points(
     head: Head, count: int, generator: torch.Generator
 ) -> tuple[Int64[Tensor, " point"], Float[Tensor, "point 3"]]:
-    """Uniform points by area: stratified along the cumulative area of the faces, uniform within each; in random order."""
+    """Uniform points by area: stratified along the faces' cumulative area, uniform within each; in random order."""
     vertices = head.mesh.vertices
     random = torch.rand(3, count, generator=generator, device=generator.device, dtype=torch.float64).to(vertices.device)
     cumulative = face_areas(head.scalp_mesh).double().cumsum(0)

@@ -21,8 +21,8 @@ def surface_nets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh the zero level inside a box that the surface does not touch.
 
-    Each cell that the surface crosses gives one vertex, each crossed grid edge one quad (Gibson 1998); vertices are then
-    spread evenly along the surface and drawn onto it.
+    Each cell that the surface crosses gives one vertex, each crossed grid edge one quad (Gibson 1998); vertices are
+    then spread evenly along the surface and drawn onto it.
 
     Args:
         distance: the solid.
