@@ -1,0 +1,135 @@
+"""Growth directions everywhere in the hair: what the segments say, diffused inwards (Laplace's equation).
+
+The segments cover the visible shell only. Between them and the scalp the direction is the smoothest one that agrees
+with both: the mean of its neighbours, with the segments' directions fixed and the scalp pulling towards its normal.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+from torch.nn import functional
+
+from neural_strands.flow.grid import VoxelGrid
+from neural_strands.geometry.line_segments import LineSegments
+
+
+@dataclass(frozen=True)
+class FlowConfig:
+    """The volume and its diffusion."""
+
+    spacing: float = 0.003
+    """Edge of a voxel, metres."""
+    margin: float = 0.02
+    """Metres of the box around segments and roots."""
+    iterations: int = 200
+    """Jacobi sweeps after the multigrid start."""
+    normal_pull: float = 0.5
+    """How strongly the scalp's normal, rather than the flow above it, sets the direction beside the scalp; 0 to 1."""
+    scalp_layer: float = 0.003
+    """Thickness in metres of the layer that the scalp pulls."""
+    least_confidence: float = 0.0
+    """Segment points less confident than this do not count."""
+
+
+@dataclass(frozen=True)
+class FlowField:
+    """A direction for every voxel.
+
+    Attributes:
+        grid: the voxels.
+        directions: unit growth directions.
+        domain: where there can be hair.
+    """
+
+    grid: VoxelGrid
+    directions: Float[Tensor, "3 x y z"]
+    domain: Bool[Tensor, "x y z"]
+
+
+def diffuse_directions(
+    grid: VoxelGrid,
+    domain: Bool[Tensor, "x y z"],
+    segments: LineSegments,
+    scalp_points: Float[Tensor, "root 3"],
+    scalp_normals: Float[Tensor, "root 3"],
+    config: FlowConfig | None = None,
+) -> FlowField:
+    """Solve for the growth direction in every voxel of the domain.
+
+    Args:
+        grid: the voxels.
+        domain: where there can be hair.
+        segments: oriented points, signed from root to tip.
+        scalp_points: a dense sample of the scalp.
+        scalp_normals: its outward normals.
+        config: weights and sweeps.
+    """
+    config = config or FlowConfig()
+    kept = segments.confidence >= config.least_confidence
+    shell, weight = _average(grid, segments.points[kept], segments.directions[kept], segments.confidence[kept])
+    fixed = weight > 0
+    lifted = scalp_points + 0.5 * config.scalp_layer * scalp_normals
+    normal, normal_weight = _average(grid, lifted, scalp_normals, torch.ones_like(scalp_points[:, 0]))
+    pulled = (normal_weight > 0) & ~fixed
+    domain = domain | fixed | pulled
+    start = pull_push(shell, fixed.to(shell))
+    cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
+    neighbours = _neighbours(domain)
+    value, known, normals = (volume.reshape(3, -1).T[cells] for volume in (start, shell, normal))
+    is_fixed, is_pulled = (mask.reshape(-1)[cells, None] for mask in (fixed, pulled))
+    value = functional.normalize(value, dim=-1)
+    count = (neighbours < len(cells)).sum(dim=1, keepdim=True)
+    for _ in range(config.iterations):
+        padded = torch.cat([value, value.new_zeros(1, 3)])
+        mean = padded[neighbours].sum(dim=1) / count.clamp(min=1)
+        mean = torch.where(count > 0, mean, value)
+        strength = mean.norm(dim=-1, keepdim=True).clamp(min=0.3)
+        towards_normal = (1 - config.normal_pull) * mean + config.normal_pull * strength * normals
+        value = torch.where(is_fixed, known, torch.where(is_pulled, towards_normal, mean))
+    # Outside the domain the filled start stands, for streamlines that graze the border.
+    field = start.reshape(3, -1).index_copy(1, cells, functional.normalize(value, dim=-1).T).reshape_as(start)
+    return FlowField(grid, field, domain)
+
+
+def pull_push(values: Float[Tensor, "channel x y z"], weight: Float[Tensor, "x y z"]) -> Float[Tensor, "channel x y z"]:
+    """Fill voxels of weight 0 from coarser and coarser averages of the weighted ones (Gortler et al. 1996)."""
+    known = weight.clamp(max=1.0)
+    if min(weight.shape) <= 2:
+        total = (values * known).sum(dim=(1, 2, 3)) / known.sum().clamp(min=1e-9)
+        return values * known + total[:, None, None, None] * (1 - known)
+    odd = [size % 2 for size in reversed(weight.shape)]
+    padding = (0, odd[0], 0, odd[1], 0, odd[2])
+    weighted = functional.avg_pool3d(functional.pad(values * known, padding)[None], 2)[0] * 8
+    summed = functional.avg_pool3d(functional.pad(known, padding)[None], 2)[0] * 8
+    coarse = pull_push(weighted / summed.clamp(min=1e-9), summed)
+    filled = functional.interpolate(coarse[None], scale_factor=2.0, mode="trilinear", align_corners=False)[0]
+    filled = filled[:, : weight.shape[0], : weight.shape[1], : weight.shape[2]]
+    return values * known + filled * (1 - known)
+
+
+def _neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
+    """Which voxels of the domain share a face with each of its voxels; their count stands for none."""
+    count = int(domain.sum())
+    number = torch.full([size + 2 for size in domain.shape], count, device=domain.device)
+    number[1:-1, 1:-1, 1:-1][domain] = torch.arange(count, device=domain.device)
+    place = torch.nonzero(domain) + 1
+    offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
+    beside = place[:, None] + offsets
+    return number[beside[..., 0], beside[..., 1], beside[..., 2]]
+
+
+def _average(
+    grid: VoxelGrid,
+    points: Float[Tensor, "point 3"],
+    directions: Float[Tensor, "point 3"],
+    weights: Float[Tensor, " point"],
+) -> tuple[Float[Tensor, "3 x y z"], Float[Tensor, "x y z"]]:
+    """Unit mean direction and summed weight of the points in each voxel; zero where there are none."""
+    index, inside = grid.index(points)
+    weights = weights.clamp(min=1e-6) * inside
+    total = points.new_zeros(grid.count, 3).index_add(0, index, directions * weights[:, None])
+    weight = points.new_zeros(grid.count).index_add(0, index, weights)
+    mean = functional.normalize(total, dim=-1)
+    return mean.T.reshape(3, *grid.shape).contiguous(), weight.reshape(grid.shape)

@@ -1,0 +1,86 @@
+"""Where hair can be: the volume that no view proves empty, outside the head."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.flow.grid import VoxelGrid
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.signed_distance import signed_distance
+from neural_strands.raster.triangles import rasterise_triangles
+
+
+@dataclass(frozen=True)
+class HullConfig:
+    """How strictly a view may declare a voxel empty."""
+
+    mask_threshold: float = 0.06
+    """A pixel whose hair coverage is below this, with all its neighbours, shows no hair."""
+    mask_margin: float = 0.0015
+    """Metres by which the masks are widened, for calibration errors and stray hairs."""
+    head_depth: float = 0.002
+    """Metres below the head's surface at which hair is impossible."""
+
+
+def hair_hull(
+    grid: VoxelGrid,
+    views: Iterable[tuple[Camera, Float[Tensor, "height width"]]],
+    head: Mesh,
+    config: HullConfig | None = None,
+) -> Bool[Tensor, "x y z"]:
+    """Carve the box by the hair masks of all views; the head hides what is behind it.
+
+    Args:
+        grid: the voxels to judge.
+        views: camera and hair coverage in [0, 1] of each view, read one at a time.
+        head: the head mesh; voxels inside it are not hair.
+        config: tolerances.
+    """
+    config = config or HullConfig()
+    centres = grid.centres().reshape(-1, 3)
+    possible = torch.ones(grid.count, dtype=torch.bool, device=centres.device)
+    for camera, mask in views:
+        depth = rasterise_triangles(head.vertices, head.faces, camera).depth
+        pixels, distance = camera.project(centres)
+        column, row = pixels[:, 0].floor(), pixels[:, 1].floor()
+        seen = (distance > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        chosen = torch.nonzero(seen & possible).squeeze(1)
+        flat = row[chosen].long() * camera.width + column[chosen].long()
+        radius = round(config.mask_margin / camera.footprint(float(distance[chosen].median()))) if len(chosen) else 0
+        empty = widen(mask, radius) < config.mask_threshold
+        before_head = distance[chosen] < depth.reshape(-1)[flat]
+        possible[chosen[empty.reshape(-1)[flat] & before_head]] = False
+    left = torch.nonzero(possible).squeeze(1)
+    possible[left] = signed_distance(centres[left], head).distance > -config.head_depth
+    return possible.reshape(grid.shape)
+
+
+def covered_volume(
+    grid: VoxelGrid, points: Float[Tensor, "point 3"], head: Mesh, config: HullConfig | None = None
+) -> Bool[Tensor, "x y z"]:
+    """The volume between the head and the points seen, for captures without masks.
+
+    Every voxel on the way from a point to the closest place on the head may hold hair.
+    """
+    config = config or HullConfig()
+    foot = signed_distance(points, head).closest
+    steps = int(((points - foot).norm(dim=-1).max() / grid.spacing).ceil()) + 1 if len(points) else 0
+    filled = torch.zeros(grid.count, dtype=torch.bool, device=points.device)
+    for fraction in torch.linspace(0.0, 1.0, 2 * steps).tolist():
+        index, inside = grid.index(foot + fraction * (points - foot))
+        filled[index[inside]] = True
+    volume = filled.reshape(grid.shape)
+    grown = torch.nn.functional.max_pool3d(volume[None, None].float(), 3, stride=1, padding=1)[0, 0] > 0
+    outside = signed_distance(grid.centres().reshape(-1, 3), head).distance > -config.head_depth
+    return grown & outside.reshape(grid.shape)
+
+
+def widen(mask: Float[Tensor, "height width"], radius: int) -> Float[Tensor, "height width"]:
+    """Maximum of the mask over a square of `radius` pixels to each side."""
+    if radius < 1:
+        return mask
+    return torch.nn.functional.max_pool2d(mask[None, None], 2 * radius + 1, stride=1, padding=radius)[0, 0]

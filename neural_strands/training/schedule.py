@@ -1,0 +1,50 @@
+"""Schedules of the fit: pure functions of the step (paper, "Optimization Details")."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ScheduleConfig:
+    """When each part of the fit begins and how fast it moves; lengths are fractions of all steps."""
+
+    widest_blur: float = 16.0
+    """Deviation in texels of the Gaussian that blurs the gradient of the shape texture at the first step."""
+    blur_until: float = 0.5
+    """Fraction of the steps after which the gradient is not blurred any more."""
+    release_until: float = 0.3
+    """Fraction of the steps after which the whole strand is free; before, only its part nearest the root."""
+    geometry_only: float = 0.3
+    """Fraction of the steps during which rendering and alpha losses weigh nothing (the paper: 1,000 steps)."""
+    warmup: int = 50
+    """Steps over which learning rates rise from zero."""
+    final_rate: float = 0.1
+    """Learning rate at the last step, as a fraction of the first."""
+
+
+def blur_width(step: int, steps: int, config: ScheduleConfig) -> float:
+    """Coarse to fine: deviation in texels of the gradient blur, falling geometrically to 1 texel and then to 0."""
+    end = config.blur_until * steps
+    if step >= end or config.widest_blur <= 0:
+        return 0.0
+    return config.widest_blur ** (1 - step / end) if config.widest_blur > 1 else config.widest_blur
+
+
+def released_points(step: int, steps: int, points: int, config: ScheduleConfig) -> int:
+    """Root to tip: how many points of each strand, from the root, receive a gradient; at least two, then all."""
+    end = config.release_until * steps
+    if step >= end:
+        return points
+    return min(points, 2 + math.floor((points - 2) * step / end))
+
+
+def appearance_begins(steps: int, config: ScheduleConfig) -> int:
+    """The first step whose rendering and alpha losses count."""
+    return math.ceil(config.geometry_only * steps)
+
+
+def rate_factor(step: int, steps: int, config: ScheduleConfig) -> float:
+    """Factor of the learning rates: a short linear rise, then a cosine fall."""
+    rise = min(1.0, (step + 1) / max(config.warmup, 1))
+    fall = 0.5 * (1 + math.cos(math.pi * min(step / max(steps, 1), 1.0)))
+    return rise * (config.final_rate + (1 - config.final_rate) * fall)

@@ -1,0 +1,51 @@
+"""Where the alpha map is known: sure hair, sure emptiness, and an unsupervised band (paper, "Alpha Loss")."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn import functional
+
+
+@dataclass(frozen=True)
+class TrimapConfig:
+    """Sizes of the morphological steps, for an image of any size."""
+
+    dilation: float = 0.008
+    """Radius by which the mask grows before what lies outside counts as empty, as a fraction of the diagonal."""
+    erosion: float = 0.012
+    """Radius by which the grown mask shrinks before what is left counts as opaque, as the same fraction."""
+
+
+@dataclass(frozen=True)
+class Trimap:
+    """Reference alpha and where it holds.
+
+    Attributes:
+        alpha: 1 in the interior, 0 elsewhere.
+        supervised: the interior and the exterior; false in the band between.
+    """
+
+    alpha: Float[Tensor, "height width"]
+    supervised: Bool[Tensor, "height width"]
+
+
+def make_trimap(lines: Bool[Tensor, "height width"], config: TrimapConfig | None = None) -> Trimap:
+    """Dilate the rasterised line segments, then erode: outside the first is empty, inside the second opaque."""
+    config = config or TrimapConfig()
+    diagonal = (lines.shape[0] ** 2 + lines.shape[1] ** 2) ** 0.5
+    grow, shrink = round(config.dilation * diagonal), round(config.erosion * diagonal)
+    covered = dilate(lines, grow)
+    interior = ~dilate(~dilate(lines, max(grow // 2, 1)), grow // 2 + shrink)
+    return Trimap(interior.to(torch.float32), interior | ~covered)
+
+
+def dilate(mask: Bool[Tensor, "height width"], radius: int) -> Bool[Tensor, "height width"]:
+    """Grow a mask by a disc of `radius` pixels; what lies beyond the border is empty."""
+    if radius < 1:
+        return mask
+    offsets = torch.arange(-radius, radius + 1, device=mask.device)
+    disc = (offsets[:, None].square() + offsets[None].square() <= radius * radius).to(torch.float32)
+    hits = functional.conv2d(mask[None, None].to(torch.float32), disc[None, None], padding=radius)
+    return hits[0, 0] > 0.5
