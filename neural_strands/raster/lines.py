@@ -34,6 +34,9 @@ class LineConfig:
     """How far behind an occluder's surface hair still shows, metres: hair that lies on the skin must not flicker."""
 
 
+DEFAULT_LINES = LineConfig()
+
+
 @dataclass(frozen=True)
 class LineBuffer:
     """What each pixel sees of the strands.
@@ -53,7 +56,7 @@ def rasterise_lines(
     points: Float[Tensor, "strand point 3"],
     camera: Camera,
     occluder_depth: Float[Tensor, "height width"] | None = None,
-    config: LineConfig = LineConfig(),
+    config: LineConfig = DEFAULT_LINES,
 ) -> LineBuffer:
     """Find the nearest strand point of each pixel; the same result on every run.
 

@@ -1,8 +1,16 @@
 """Plain torch twins of the kernels: slow, short, and what the kernels are held to."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.raster.keys import background_keys, empty_keys, key_index, pack_keys
+from neural_strands.raster.lines import DEFAULT_LINES, LineBuffer, LineConfig
+from neural_strands.raster.triangles import NEAR, TriangleBuffer
+
+FACES_AT_ONCE = 256
+"""Faces tested against all pixels at a time."""
 
 
 def splat_reference(
@@ -37,3 +45,103 @@ def splat_reference(
             weights = weights.index_add(0, cell, weight)
             sums = sums.index_add(0, cell, weight[:, None] * features[inside])
     return sums / weights.clamp(min=minimum_weight)[:, None], weights
+
+
+def rasterise_lines_reference(
+    points: Float[Tensor, "strand point 3"],
+    camera: Camera,
+    occluder_depth: Float[Tensor, "height width"] | None = None,
+    config: LineConfig = DEFAULT_LINES,
+) -> LineBuffer:
+    """Twin of `lines.rasterise_lines`: every pixel of every segment is listed, then the nearest is kept."""
+    height, width = camera.height, camera.width
+    keys = empty_keys(height, width, points.device)
+    if occluder_depth is not None:
+        keys = background_keys(occluder_depth + config.occluder_bias)
+    in_camera = camera.transform(points.detach()) @ camera.intrinsics.T
+    a, b = in_camera[:, :-1].reshape(-1, 3), in_camera[:, 1:].reshape(-1, 3)
+    cut = ((config.near - a[:, 2]) / (b[:, 2] - a[:, 2])).nan_to_num(0.0)
+    begin = torch.where(a[:, 2] > config.near, 0.0, cut)
+    end = torch.where(b[:, 2] > config.near, 1.0, cut)
+    lines = torch.stack([torch.lerp(a, b, begin[:, None]), torch.lerp(a, b, end[:, None])], dim=1)
+    screen = torch.cat([lines[..., :2] / lines[..., 2:], 1 / lines[..., 2:]], dim=-1)
+    drawn = ((a[:, 2] > config.near) | (b[:, 2] > config.near)) & screen.isfinite().all(-1).all(-1)
+    index = torch.nonzero(drawn).squeeze(1)
+    index, major, fraction = _pixels_along(screen, index, (width, height))
+    crossing = torch.lerp(screen[index, 0], screen[index, 1], fraction[:, None])
+    along_x = _along_x(screen)[index]
+    minor = torch.where(along_x, crossing[:, 1], crossing[:, 0])
+    inside = (minor >= 0) & (minor < torch.where(along_x, height, width))
+    row = torch.where(along_x, minor.long(), major)[inside]
+    column = torch.where(along_x, major, minor.long())[inside]
+    key = pack_keys(1 / crossing[inside, 2], index[inside])
+    keys = keys.view(-1).scatter_reduce(0, row * width + column, key, "amin").view(height, width)
+    segment = key_index(keys)
+    hit = segment >= 0
+    pixel_y, pixel_x = torch.nonzero(hit).unbind(1)
+    chosen = segment[hit]
+    fraction = _fraction(screen[chosen], torch.where(_along_x(screen)[chosen], pixel_x, pixel_y))
+    inverse = torch.lerp(screen[chosen, 0, 2], screen[chosen, 1, 2], fraction)
+    along = fraction * screen[chosen, 1, 2] / inverse
+    position = torch.zeros(height, width, device=points.device)
+    position[hit] = torch.lerp(begin[chosen], end[chosen], along).clamp(0, 1).float()
+    depth = torch.where(hit, (keys >> 32).int().view(torch.float32), torch.inf)
+    return LineBuffer(segment, position, depth)
+
+
+def _along_x(screen: Float[Tensor, "segment 2 3"]) -> Tensor:
+    """Whether each projected segment is longer in x than in y."""
+    step = (screen[:, 1] - screen[:, 0]).abs()
+    return step[:, 0] >= step[:, 1]
+
+
+def _fraction(screen: Float[Tensor, "n 2 3"], major: Int64[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Where projected segments cross the centre of a column (or row) along their major axis."""
+    ends = torch.where(_along_x(screen)[:, None], screen[..., 0], screen[..., 1])
+    return (major + 0.5 - ends[:, 0]) / (ends[:, 1] - ends[:, 0])
+
+
+def _pixels_along(
+    screen: Float[Tensor, "segment 2 3"], index: Int64[Tensor, " drawn"], size: tuple[int, int]
+) -> tuple[Int64[Tensor, " n"], Int64[Tensor, " n"], Float[Tensor, " n"]]:
+    """List the columns (or rows) whose centres segments cross: segment, column or row, fraction of the segment."""
+    along_x = _along_x(screen)[index]
+    ends = torch.where(along_x[:, None], screen[index, :, 0], screen[index, :, 1])
+    limit = torch.where(along_x, *(torch.full_like(ends[:, 0], side) for side in size))
+    start = (ends.amin(1).clamp(min=0) - 0.5).ceil().long()
+    stop = (ends.amax(1).minimum(limit) - 0.5).ceil().long()
+    count = (stop - start).clamp(min=0)
+    listed = torch.repeat_interleave(torch.arange(len(index), device=index.device), count)
+    first = (count.cumsum(0) - count)[listed]
+    major = start[listed] + torch.arange(len(listed), device=index.device) - first
+    return index[listed], major, _fraction(screen[index[listed]], major)
+
+
+def rasterise_triangles_reference(
+    vertices: Float[Tensor, "vertex 3"], faces: Int64[Tensor, "face 3"], camera: Camera, near: float = NEAR
+) -> TriangleBuffer:
+    """Twin of `triangles.rasterise_triangles`: every pixel's ray is met with every face (Moeller and Trumbore 1997)."""
+    height, width = camera.height, camera.width
+    rays = camera.rays(camera.pixel_centres().view(-1, 2))
+    forward = rays @ camera.rotation[2]
+    nearest = torch.full((height * width,), torch.inf, dtype=vertices.dtype, device=vertices.device)
+    face = torch.full((height * width,), -1, dtype=torch.int64, device=vertices.device)
+    barycentric = vertices.new_zeros(height * width, 3)
+    for first in range(0, len(faces), FACES_AT_ONCE):
+        a, b, c = vertices[faces[first : first + FACES_AT_ONCE]].unbind(1)
+        edge_1, edge_2, offset = b - a, c - a, camera.position - a
+        normal = torch.linalg.cross(rays[:, None], edge_2.expand(len(rays), -1, -1), dim=-1)
+        determinant = (normal * edge_1).sum(-1)
+        v = (normal * offset).sum(-1) / determinant
+        other = torch.linalg.cross(offset, edge_1, dim=-1)
+        w = rays @ other.T / determinant
+        depth = (other * edge_2).sum(-1) / determinant * forward[:, None]
+        hit = (v >= 0) & (w >= 0) & (v + w <= 1) & (depth > near)
+        depth, which = torch.where(hit, depth, torch.inf).min(dim=1)
+        closer = torch.nonzero(depth < nearest).squeeze(1)
+        which = which[closer]
+        nearest[closer], face[closer] = depth[closer], which + first
+        v, w = v[closer, which], w[closer, which]
+        barycentric[closer] = torch.stack([1 - v - w, v, w], dim=-1)
+    size = (height, width)
+    return TriangleBuffer(face.view(size), barycentric.view(*size, 3).float(), nearest.view(size).float())
