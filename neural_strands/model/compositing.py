@@ -1,0 +1,146 @@
+"""What lies behind the hair: a body mesh and a surrounding sphere, both with learned colours (paper, 4.3).
+
+The body's colours are a low-resolution texture where the mesh has texture coordinates, and one colour a vertex where
+it has none. The sphere's are an equirectangular texture: u follows the azimuth, v the height, y up.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh, interpolate
+from neural_strands.raster.texture import sample_texture
+from neural_strands.raster.triangles import rasterise_triangles
+
+START = 0.5
+"""Colour of everything before it is learned: mid grey."""
+
+
+@dataclass(frozen=True)
+class SurroundConfig:
+    """Sizes of what lies behind the hair."""
+
+    body_texture: int = 256
+    """Texels a side of the body's texture, where the mesh has texture coordinates."""
+    background_texture: int = 64
+    """Texels from pole to pole of the background sphere; twice as many around it."""
+    background_radius: float = 10.0
+    """Radius of the background sphere, metres."""
+
+
+@dataclass(frozen=True)
+class BodyImage:
+    """The body as a camera sees it.
+
+    Attributes:
+        colour: learned colour of the visible surface, zero where there is none.
+        coverage: 1 where the body is, 0 elsewhere.
+        depth: metres along the optical axis; infinite where there is none.
+    """
+
+    colour: Float[Tensor, "height width 3"]
+    coverage: Float[Tensor, "height width"]
+    depth: Float[Tensor, "height width"]
+
+
+class Body(nn.Module):
+    """A mesh with learned colours; a mesh without faces covers nothing."""
+
+    vertices: Tensor
+    faces: Tensor
+    corner_uv: Tensor | None
+
+    def __init__(self, mesh: Mesh, config: SurroundConfig) -> None:
+        super().__init__()
+        self.register_buffer("vertices", mesh.vertices.float().clone())
+        self.register_buffer("faces", mesh.faces.clone())
+        self.register_buffer("corner_uv", None if mesh.corner_uv is None else mesh.corner_uv.float().clone())
+        size = config.body_texture
+        shape = (len(mesh.vertices), 3) if mesh.corner_uv is None else (size, size, 3)
+        self.colour = nn.Parameter(torch.full(shape, START))
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh itself."""
+        return Mesh(self.vertices, self.faces, self.corner_uv)
+
+    def forward(self, camera: Camera) -> BodyImage:
+        """Draw the body."""
+        seen = rasterise_triangles(self.vertices, self.faces, camera)
+        pixels = torch.nonzero(seen.face.view(-1) >= 0).squeeze(1)
+        face, barycentric = seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels]
+        if self.corner_uv is None:
+            colour = interpolate(self.colour[self.faces], face, barycentric)
+        else:
+            colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
+        image = colour.new_zeros(camera.height * camera.width, 3).index_copy(0, pixels, colour)
+        coverage = (seen.face >= 0).to(colour.dtype)
+        return BodyImage(image.view(camera.height, camera.width, 3), coverage, seen.depth)
+
+
+class Background(nn.Module):
+    """A sphere about the subject with learned colours, seen from inside."""
+
+    centre: Tensor
+
+    def __init__(self, centre: Float[Tensor, "3"], config: SurroundConfig) -> None:
+        super().__init__()
+        self.radius = config.background_radius
+        self.register_buffer("centre", centre.float().clone())
+        self.colour = nn.Parameter(torch.full((config.background_texture, 2 * config.background_texture, 3), START))
+
+    def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
+        """Colour of the sphere behind every pixel."""
+        rays = camera.rays(camera.pixel_centres().view(-1, 2))
+        on_sphere = sphere_directions(camera.position - self.centre, rays, self.radius)
+        # One column more at each end, so that interpolation goes round.
+        wrapped = torch.cat([self.colour[:, -1:], self.colour, self.colour[:, :1]], dim=1)
+        columns = self.colour.shape[1]
+        uv = equirectangular(on_sphere)
+        u = (uv[:, 0] * columns + 1) / (columns + 2)
+        colour = sample_texture(wrapped, torch.stack([u, uv[:, 1]], dim=1))
+        return colour.view(camera.height, camera.width, 3)
+
+
+def sphere_directions(
+    origin: Float[Tensor, "3"], rays: Float[Tensor, "ray 3"], radius: float
+) -> Float[Tensor, "ray 3"]:
+    """Unit directions from the sphere's centre to where unit rays leave it.
+
+    Args:
+        origin: start of the rays, from the sphere's centre, metres.
+        rays: unit directions.
+        radius: metres; a ray that misses the sphere takes its own direction.
+    """
+    along = rays @ origin
+    discriminant = along.square() - origin @ origin + radius**2
+    distance = discriminant.clamp(min=0).sqrt() - along
+    inside = (discriminant > 0) & (distance > 0)
+    return F.normalize(torch.where(inside[:, None], origin + distance[:, None] * rays, rays), dim=-1)
+
+
+def equirectangular(directions: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 2"]:
+    """Texture coordinates in [0, 1] of unit directions: azimuth from -z through +x, and height from below to above."""
+    x, y, z = directions.unbind(-1)
+    return torch.stack([torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5], dim=-1)
+
+
+def compose(
+    hair: Float[Tensor, "height width 3"],
+    alpha: Float[Tensor, "height width"],
+    behind: Float[Tensor, "height width 3"],
+) -> Float[Tensor, "height width 3"]:
+    """Hair over what lies behind it: I = a C + (1 - a) B."""
+    return torch.lerp(behind, hair, alpha[..., None])
+
+
+def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: int) -> Float[Tensor, "h w channel"]:
+    """Mean over squares of `factor` x `factor` pixels."""
+    if factor == 1:
+        return image
+    return F.avg_pool2d(image.permute(2, 0, 1)[None], factor)[0].permute(1, 2, 0)

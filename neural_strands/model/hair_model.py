@@ -1,0 +1,192 @@
+"""The whole representation: scalp textures -> strands -> descriptors -> image (paper, figure 2).
+
+`decode` turns the shape texture into strands; `render` turns strands, wherever they come from, into an image. Static
+hair is decoded once and rendered many times; edited or true strands are rendered the same way, their features found
+by their roots' place on the scalp chart.
+"""
+
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.frames import to_world
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import Background, Body, SurroundConfig, area_mean, compose
+from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
+from neural_strands.model.unet import UNet, UNetConfig
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
+from neural_strands.raster.splat import SplatMap, splat_pyramid
+from neural_strands.raster.visible import visible_directions, visible_points
+from neural_strands.scalp.roots import Roots
+
+SURE = 3.0
+"""Logit of the opacity that full coverage starts with, and minus that of none: 0.95 and 0.05."""
+
+
+@dataclass(frozen=True)
+class HairModelConfig:
+    """Everything that sizes a hair model."""
+
+    textures: ScalpTextureConfig = field(default_factory=ScalpTextureConfig)
+    """The scalp textures."""
+    unet: UNetConfig = field(default_factory=UNetConfig)
+    """The image generator."""
+    surround: SurroundConfig = field(default_factory=SurroundConfig)
+    """Body and background."""
+    lines: LineConfig = field(default_factory=LineConfig)
+    """How strands are drawn."""
+    points: int = 100
+    """Points a strand."""
+    supersample: int = 2
+    """Lines are drawn with this many pixels for each of the image, along each axis, and splatted together."""
+    mixed_precision: bool = True
+    """Run the convolutions in bfloat16 on CUDA."""
+
+    @property
+    def descriptor_channels(self) -> int:
+        """Channels at every level of the pyramid: z_a, direction, t, viewing direction, and coverage."""
+        return self.textures.appearance_channels + 3 + 1 + 3 + 1
+
+
+@dataclass(frozen=True)
+class RenderOutput:
+    """One rendered view.
+
+    Attributes:
+        rgb: hair over body over background, sRGB; not clamped to [0, 1].
+        alpha: opacity of the hair.
+        hair_rgb: colour of the hair alone.
+        behind_rgb: body over background.
+        coverage: share of each pixel that strands were drawn on.
+        lines: what was drawn, at `supersample` times the image's resolution.
+    """
+
+    rgb: Float[Tensor, "height width 3"]
+    alpha: Float[Tensor, "height width"]
+    hair_rgb: Float[Tensor, "height width 3"]
+    behind_rgb: Float[Tensor, "height width 3"]
+    coverage: Float[Tensor, "height width"]
+    lines: LineBuffer
+
+
+class HairModel(nn.Module):
+    """Fitted hair of one head."""
+
+    root_position: Tensor
+    root_uv: Tensor
+    root_frame: Tensor
+
+    def __init__(
+        self,
+        config: HairModelConfig,
+        roots: Roots,
+        generator: StrandGenerator,
+        body: Mesh,
+        random: torch.Generator,
+    ) -> None:
+        """Start from a mean strand at every root.
+
+        Args:
+            config: sizes.
+            roots: where strands start.
+            generator: the pre-trained strand generator; it is frozen.
+            body: head and body, occluders of the hair; may have no faces.
+            random: draws the first weights of the image generator.
+        """
+        super().__init__()
+        self.config = config
+        self.register_buffer("root_position", roots.position.float().clone())
+        self.register_buffer("root_uv", roots.uv.float().clone())
+        self.register_buffer("root_frame", roots.frame.float().clone())
+        self.textures = ScalpTextures(config.textures)
+        self.generator = generator.requires_grad_(False)
+        self.unet = UNet(config.descriptor_channels, config.unet, random)
+        self.body = Body(body, config.surround)
+        everything = torch.cat([roots.position, body.vertices]).float()
+        centre = everything.mean(dim=0) if len(everything) else torch.zeros(3)
+        self.background = Background(centre, config.surround)
+
+    def forward(self, camera: Camera) -> RenderOutput:
+        """Decode the strands and render them."""
+        return self.render(self.decode(), camera)
+
+    def decode(self, points: int | None = None, blur: float = 0.0) -> Strands:
+        """Strands of every root in world metres.
+
+        Args:
+            points: points a strand, by default those of the config.
+            blur: standard deviation, in texels, of the blur of the gradient into Z_g.
+        """
+        latent = self.textures.sample_shape(self.root_uv, blur)
+        local = self.generator(latent, points or self.config.points)
+        world = to_world(local, self.root_position, self.root_frame)
+        return Strands(world, root_uv=self.root_uv, root_normal=self.root_frame[:, :, 2])
+
+    def render(self, strands: Strands, camera: Camera, blur: float = 0.0) -> RenderOutput:
+        """Render strands from one view.
+
+        Args:
+            strands: world metres; `root_uv` says whose appearance each has.
+            camera: the view, of any size.
+            blur: standard deviation, in texels, of the blur of the gradient into Z_a.
+
+        Raises:
+            ValueError: strands without `root_uv`.
+        """
+        factor = self.config.supersample
+        camera = camera.to(self.root_uv.device)
+        fine = camera.resized(camera.width * factor, camera.height * factor)
+        body = self.body(fine)
+        lines = rasterise_lines(strands.points, fine, body.depth, self.config.lines)
+        maps = self.splat_descriptors(strands, lines, camera, blur)
+        raw = self.generate(maps, camera)
+        coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
+        alpha = torch.sigmoid(raw[..., 3] + SURE * (2 * coverage - 1))
+        share = area_mean(body.coverage[..., None], factor)
+        behind = area_mean(body.colour, factor) + (1 - share) * self.background(camera)
+        rgb = compose(raw[..., :3], alpha, behind)
+        return RenderOutput(rgb, alpha, raw[..., :3], behind, coverage, lines)
+
+    def splat_descriptors(
+        self, strands: Strands, lines: LineBuffer, camera: Camera, blur: float = 0.0
+    ) -> list[SplatMap]:
+        """Maps of the descriptor g = [z_a, d, t] of the visible points, one a level (paper, "Neural Hair Descriptor").
+
+        Raises:
+            ValueError: strands without `root_uv`.
+        """
+        if strands.root_uv is None:
+            raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
+        visible = visible_points(lines, strands.points)
+        appearance = self.textures.sample_appearance(strands.root_uv, blur).index_select(0, visible.strand)
+        direction = visible_directions(strands.points, visible)
+        descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
+        pixels, _ = camera.project(visible.world)
+        return splat_pyramid(pixels, descriptor, (camera.height, camera.width), self.config.unet.levels)
+
+    def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
+        """Colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""
+        pyramid = [
+            torch.cat([level_map.features, self._pixel_channels(level_map, camera, level)])[None]
+            for level, level_map in enumerate(maps)
+        ]
+        device = self.root_uv.device.type
+        half = self.config.mixed_precision and device == "cuda"
+        with torch.autocast(device, torch.bfloat16, enabled=half):
+            raw = self.unet(pyramid)
+        return raw[0].permute(1, 2, 0).float()
+
+    def _pixel_channels(self, level_map: SplatMap, camera: Camera, level: int) -> Float[Tensor, "4 h w"]:
+        """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""
+        height, width = level_map.coverage.shape
+        row = (torch.arange(height, device=camera.intrinsics.device) + 0.5) * 2**level
+        column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
+        centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
+        rays = camera.rays(centres).permute(2, 0, 1)
+        share = level_map.coverage / (self.config.supersample * 2**level) ** 2
+        return torch.cat([rays, share.clamp(max=1.0)[None]])

@@ -1,0 +1,42 @@
+"""The neural scalp textures: shape Z_g and appearance Z_a of every strand, by where its root lies (paper, 4.1)."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from neural_strands.raster.texture import sample_texture
+
+
+@dataclass(frozen=True)
+class ScalpTextureConfig:
+    """Sizes of the two textures."""
+
+    shape_size: int = 256
+    """Texels a side of the shape texture Z_g."""
+    shape_channels: int = 64
+    """Numbers a texel of Z_g: the latent size of the strand generator (D_g)."""
+    appearance_size: int = 512
+    """Texels a side of the appearance texture Z_a."""
+    appearance_channels: int = 16
+    """Numbers a texel of Z_a (D_a)."""
+
+
+class ScalpTextures(nn.Module):
+    """Z_g and Z_a; both start at zero, which is the mean strand of the prior and a colour shared by all strands."""
+
+    def __init__(self, config: ScalpTextureConfig) -> None:
+        super().__init__()
+        self.shape = nn.Parameter(torch.zeros(config.shape_size, config.shape_size, config.shape_channels))
+        self.appearance = nn.Parameter(
+            torch.zeros(config.appearance_size, config.appearance_size, config.appearance_channels)
+        )
+
+    def sample_shape(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root latent"]:
+        """Shape latents z_g of roots; `blur` (texels) spreads their gradient over neighbouring texels."""
+        return sample_texture(self.shape, uv, blur)
+
+    def sample_appearance(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root feature"]:
+        """Appearance features z_a of roots; `blur` (texels) spreads their gradient over neighbouring texels."""
+        return sample_texture(self.appearance, uv, blur)

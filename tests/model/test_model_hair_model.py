@@ -1,0 +1,199 @@
+"""The whole model: shapes, gradients, crops, files, and inputs that see nothing."""
+
+import json
+import math
+
+import pytest
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.files import load_hair_model, save_hair_model
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.unet import UNetConfig
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.scalp.roots import Roots
+
+ROOTS = 60
+
+
+def config(**changes) -> HairModelConfig:
+    return HairModelConfig(
+        ScalpTextureConfig(shape_size=8, appearance_size=8, appearance_channels=4),
+        UNetConfig(widths=(8, 8, 8)),
+        SurroundConfig(body_texture=8, background_texture=4),
+        points=12,
+        **changes,
+    )
+
+
+def disc_roots(count: int = ROOTS) -> Roots:
+    """Roots on a disc of 5 cm radius in the plane y = 0, their normals up."""
+    k = torch.arange(count) + 0.5
+    radius, angle = 0.05 * (k / max(count, 1)).sqrt(), 2.4 * k
+    position = torch.stack([radius * angle.cos(), 0 * k, radius * angle.sin()], dim=1)
+    uv = 0.5 + 8 * position[:, [0, 2]]
+    frame = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]).T.expand(count, 3, 3).contiguous()
+    return Roots(position, uv, frame, torch.zeros(count))
+
+
+def slab(corner_uv: bool = False) -> Mesh:
+    """A square of 10 cm under the roots, facing up."""
+    vertices = torch.tensor(
+        [[-0.05, -0.001, -0.05], [0.05, -0.001, -0.05], [0.05, -0.001, 0.05], [-0.05, -0.001, 0.05]]
+    )
+    faces = torch.tensor([[0, 2, 1], [0, 3, 2]])
+    uv = torch.rand(2, 3, 2, generator=torch.Generator().manual_seed(3)) if corner_uv else None
+    return Mesh(vertices, faces, uv)
+
+
+def model(body: Mesh | None = None, roots: int = ROOTS, **changes) -> HairModel:
+    random = torch.Generator().manual_seed(0)
+    generator = StrandGenerator()
+    with torch.no_grad():
+        for parameter in generator.parameters():
+            parameter += 0.05 * torch.randn(parameter.shape, generator=random)
+    made = HairModel(config(**changes), disc_roots(roots), generator, slab() if body is None else body, random)
+    with torch.no_grad():
+        made.textures.shape.normal_(generator=random)
+        made.textures.appearance.normal_(generator=random)
+    return made
+
+
+def view(size: tuple[int, int] = (48, 40), eye: tuple[float, float, float] = (0.0, 0.5, 0.5)) -> Camera:
+    return Camera.look_at(torch.tensor(eye), torch.zeros(3), 180.0, size)
+
+
+def stubble(hair: HairModel, length: float = 0.02) -> Strands:
+    """Straight strands along the normals."""
+    along = torch.linspace(0, length, 12)[:, None] * hair.root_frame[:, None, :, 2]
+    return Strands(hair.root_position[:, None] + along, root_uv=hair.root_uv)
+
+
+@pytest.mark.parametrize("size", [(48, 40), (37, 29), (5, 64), (1, 1)])
+@pytest.mark.parametrize("supersample", [1, 2])
+def test_any_image_size(size, supersample):
+    hair = model(supersample=supersample)
+    output = hair(view(size))
+    assert output.rgb.shape == (size[1], size[0], 3)
+    assert output.alpha.shape == output.coverage.shape == (size[1], size[0])
+    for image in (output.rgb, output.alpha, output.hair_rgb, output.behind_rgb):
+        assert image.isfinite().all()
+    assert 0 <= output.alpha.min() <= output.alpha.max() <= 1
+
+
+def test_gradients_reach_both_textures_and_what_can_be_seen():
+    hair = model()
+    hair(view()).rgb.square().sum().backward()
+    for name in ("textures.shape", "textures.appearance", "body.colour", "background.colour", "unet.output"):
+        gradient = hair.get_parameter(name).grad
+        assert gradient is not None, name
+        assert gradient.abs().sum() > 0, name
+    assert all(parameter.grad is None for parameter in hair.generator.parameters())
+
+
+def test_no_gradient_reaches_hidden_strands():
+    hair = model()
+    points = stubble(hair).points.detach()
+    points[: ROOTS // 2, :, 1] -= 0.2  # under the slab
+    points.requires_grad_()
+    uv = torch.cat([torch.full((ROOTS // 2, 2), 0.1), torch.full((ROOTS // 2, 2), 0.9)])
+    hair.render(Strands(points, root_uv=uv), view()).rgb.square().sum().backward()
+    assert points.grad[: ROOTS // 2].abs().sum() == 0
+    assert points.grad[ROOTS // 2 :].abs().sum() > 0
+    texels = hair.textures.appearance.grad.abs().sum(dim=-1)
+    assert texels[:4, :4].sum() == 0
+    assert texels[4:, 4:].sum() > 0
+
+
+def test_a_crop_is_the_same_pixels():
+    hair, camera = model(), view((96, 80))
+    strands = stubble(hair)
+    whole = hair.render(strands, camera)
+    left, top, width, height = 16, 8, 64, 64
+    part = hair.render(strands, camera.cropped(left, top, width, height))
+    inner = (slice(16, -16), slice(16, -16))
+    for name in ("alpha", "coverage", "behind_rgb", "rgb"):
+        expected = getattr(whole, name)[top : top + height, left : left + width][inner]
+        torch.testing.assert_close(getattr(part, name)[inner], expected, atol=2e-3, rtol=0, msg=name)
+
+
+def test_a_hair_model_without_hair_shows_what_lies_behind():
+    hair = model(roots=0)
+    output = hair(view())
+    assert output.coverage.sum() == 0
+    assert (output.lines.segment < 0).all()
+    assert output.rgb.isfinite().all()
+
+
+def test_a_camera_that_looks_away_sees_the_background():
+    hair = model()
+    away = Camera.look_at(torch.tensor([0.0, 0.5, 0.5]), torch.tensor([0.0, 1.0, 1.0]), 180.0, (32, 24))
+    output = hair(away)
+    assert output.coverage.sum() == 0
+    torch.testing.assert_close(output.behind_rgb, torch.full((24, 32, 3), 0.5))
+
+
+def test_strands_that_are_not_finite_are_not_drawn():
+    hair = model()
+    strands = stubble(hair)
+    strands.points[::2] = math.nan
+    output = hair.render(strands, view())
+    drawn = output.lines.segment[output.lines.segment >= 0] // 11
+    assert len(drawn) > 0
+    assert (drawn % 2 == 1).all()
+    assert output.rgb.isfinite().all()
+
+
+def test_strands_without_a_place_on_the_scalp_are_refused():
+    hair = model()
+    with pytest.raises(ValueError, match="root_uv"):
+        hair.render(Strands(stubble(hair).points), view())
+
+
+@pytest.mark.parametrize("corner_uv", [False, True])
+def test_saved_and_loaded_is_the_same_model(tmp_path, corner_uv):
+    hair = model(slab(corner_uv))
+    folder = tmp_path / "hair"
+    save_hair_model(hair, folder, {"seed": "0"})
+    again = load_hair_model(folder)
+    assert again.config == hair.config
+    torch.testing.assert_close(again.state_dict(), hair.state_dict(), rtol=0, atol=0)
+    torch.testing.assert_close(again(view()).rgb, hair(view()).rgb, rtol=0, atol=0)
+    assert sorted(path.name for path in folder.iterdir()) == ["config.json", "model.safetensors"]
+
+
+def test_folders_that_are_no_model_are_refused_in_one_sentence(tmp_path):
+    with pytest.raises(InputError, match=r"found no config\.json"):
+        load_hair_model(tmp_path)
+    folder = tmp_path / "hair"
+    save_hair_model(model(), folder)
+    whole = (folder / "model.safetensors").read_bytes()
+    (folder / "model.safetensors").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="expected a whole hair model"):
+        load_hair_model(folder)
+    (folder / "model.safetensors").write_bytes(whole)
+    described = json.loads((folder / "config.json").read_text())
+    (folder / "config.json").write_text(json.dumps({**described, "format": 99}))
+    with pytest.raises(InputError, match="expected format 1, came 99"):
+        load_hair_model(folder)
+    described["model"]["surprise"] = 1
+    (folder / "config.json").write_text(json.dumps(described))
+    with pytest.raises(InputError, match="surprise"):
+        load_hair_model(folder)
+
+
+def test_the_image_is_hair_over_body_over_background():
+    hair = model()
+    with torch.no_grad():
+        hair.body.colour.fill_(0.8)
+        hair.background.colour.fill_(0.2)
+    output = hair.render(stubble(hair), view())
+    expected = output.alpha[..., None] * output.hair_rgb + (1 - output.alpha[..., None]) * output.behind_rgb
+    torch.testing.assert_close(output.rgb, expected)
+    assert output.behind_rgb.min().item() == pytest.approx(0.2, abs=1e-5)
+    assert output.behind_rgb.max().item() == pytest.approx(0.8, abs=1e-5)
