@@ -143,6 +143,12 @@ class Camera:
         scale = torch.diag(self.intrinsics.new_tensor([width / self.width, height / self.height, 1.0]))
         return replace(self, intrinsics=scale @ self.intrinsics, width=width, height=height)
 
+    def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
+        """The part of the view that begins `left` and `top` pixels in: the same rays through the same pixels."""
+        shift = torch.zeros_like(self.intrinsics)
+        shift[0, 2], shift[1, 2] = left, top
+        return replace(self, intrinsics=self.intrinsics - shift, width=width, height=height)
+
 
 def pinhole(focal: float, size: tuple[int, int]) -> Float[Tensor, "3 3"]:
     """Intrinsics with square pixels and the principal point in the middle; `focal` in pixels."""
