@@ -16,20 +16,30 @@ from neural_strands.scalp.head import Head
 from neural_strands.scalp.mannequin_shape import mannequin_distance
 from neural_strands.scalp.surface_nets import surface_nets
 
-SPACING = 0.0065
-"""Metres between grid points: about the length of the mesh's edges."""
-
-LOWER = (-0.23075, -0.2905, -0.1405)
-"""Corner of the meshed box; x is symmetric about a cell's middle."""
-
-CELLS = (71, 65, 43)
-"""Cells of the box along x, y, z."""
+GRID = (
+    ((0.0, 0.0048), (0.090, 0.0048), (0.105, 0.0095), (0.225, 0.0095)),
+    ((-0.290, 0.0090), (-0.150, 0.0080), (-0.115, 0.0048), (0.130, 0.0048)),
+    ((-0.140, 0.0070), (-0.020, 0.0065), (0.020, 0.0048), (0.130, 0.0048)),
+)
+"""Spacing of the grid at places along x (mirrored), y and z, metres: fine on the face and the ears."""
 
 
 @functools.cache
 def mannequin() -> Head:
     """The mannequin, made once a process (about a second)."""
-    vertices, faces = surface_nets(mannequin_distance, np.array(LOWER), SPACING, CELLS)
+    x, y, z = (_axis(places) for places in GRID)
+    # No grid point at x = 0: a cell straddles the plane of symmetry.
+    x = x + 0.5 * (x[1] - x[0])
+    vertices, faces = surface_nets(mannequin_distance, (np.concatenate([-x[::-1], x]), y, z))
     mesh = Mesh(torch.from_numpy(vertices).float(), torch.from_numpy(faces))
     chosen = scalp_faces(mesh)
     return Head(mesh, chosen, chart_faces(mesh, chosen))
+
+
+def _axis(places: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Grid coordinates from the first place to the last, their spacing interpolated between (coordinate, spacing)."""
+    coordinates, spacings = np.array(places).T
+    axis = [coordinates[0]]
+    while axis[-1] < coordinates[-1]:
+        axis.append(axis[-1] + np.interp(axis[-1], coordinates, spacings))
+    return np.array(axis)

@@ -1,6 +1,6 @@
 """Naive surface nets: the zero level of a distance function as an even, watertight triangle mesh."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,9 +16,7 @@ Distance = Callable[[np.ndarray], np.ndarray]
 """Maps points (n, 3) in metres to signed distances (n,), negative inside."""
 
 
-def surface_nets(
-    distance: Distance, lower: np.ndarray, spacing: float, cells: tuple[int, int, int]
-) -> tuple[np.ndarray, np.ndarray]:
+def surface_nets(distance: Distance, axes: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Mesh the zero level inside a box that the surface does not touch.
 
     Each cell that the surface crosses gives one vertex, each crossed grid edge one quad (Gibson 1998); vertices are
@@ -26,14 +24,12 @@ def surface_nets(
 
     Args:
         distance: the solid.
-        lower: (3,) the box's lowest corner, metres.
-        spacing: side of a cell, metres.
-        cells: their number along x, y, z.
+        axes: rising grid coordinates along x, y and z, metres; denser where detail is.
 
     Returns:
         vertices (vertex, 3) in metres and faces (face, 3), counter-clockwise seen from outside.
     """
-    axes = [lower[k] + spacing * np.arange(cells[k] + 1) for k in range(3)]
+    cells = tuple(len(axis) - 1 for axis in axes)
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     inside = (distance(grid.reshape(-1, 3)) < 0).reshape(grid.shape[:3])
     corners = [inside[i : i + cells[0], j : j + cells[1], k : k + cells[2]] for i, j, k in np.ndindex(2, 2, 2)]
@@ -41,7 +37,9 @@ def surface_nets(
     crossed = (full > 0) & (full < 8)
     number = np.full(cells, -1)
     number[crossed] = np.arange(crossed.sum())
-    vertices = lower + spacing * (np.argwhere(crossed) + 0.5)
+    middles = [0.5 * (axis[:-1] + axis[1:]) for axis in axes]
+    vertices = np.stack([middle[index] for middle, index in zip(middles, np.nonzero(crossed), strict=True)], axis=1)
+    spacing = min(float(np.diff(axis).min()) for axis in axes)
     quads = np.concatenate([_quads(inside, number, axis) for axis in range(3)])
     vertices = _settle(distance, vertices, quads, spacing)
     return vertices, _triangulate(vertices, quads)
