@@ -11,7 +11,9 @@ from neural_strands.foundation.errors import InputError
 
 COMMANDS = {
     "info": "neural_strands.cli.info:Info",
+    "synthesize": "neural_strands.cli.synthesize:Synthesize",
     "convert": "neural_strands.cli.convert:Convert",
+    "score": "neural_strands.cli.score:Score",
 }
 """Each verb and the dataclass that holds its arguments."""
 
