@@ -17,9 +17,9 @@ from neural_strands.scalp.mannequin_shape import mannequin_distance
 from neural_strands.scalp.surface_nets import surface_nets
 
 GRID = (
-    ((0.0, 0.0048), (0.090, 0.0048), (0.105, 0.0095), (0.225, 0.0095)),
-    ((-0.290, 0.0090), (-0.150, 0.0080), (-0.115, 0.0048), (0.130, 0.0048)),
-    ((-0.140, 0.0070), (-0.020, 0.0065), (0.020, 0.0048), (0.130, 0.0048)),
+    ((0.0, 0.0050), (0.090, 0.0050), (0.105, 0.011), (0.225, 0.011)),
+    ((-0.290, 0.0110), (-0.150, 0.0090), (-0.115, 0.0050), (0.130, 0.0050)),
+    ((-0.140, 0.0075), (-0.020, 0.0070), (0.020, 0.0050), (0.130, 0.0050)),
 )
 """Spacing of the grid at places along x (mirrored), y and z, metres: fine on the face and the ears."""
 

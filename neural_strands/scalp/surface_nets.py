@@ -31,7 +31,7 @@ def surface_nets(distance: Distance, axes: Sequence[np.ndarray]) -> tuple[np.nda
     """
     cells = tuple(len(axis) - 1 for axis in axes)
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    inside = (distance(grid.reshape(-1, 3)) < 0).reshape(grid.shape[:3])
+    inside = _well_composed((distance(grid.reshape(-1, 3)) < 0).reshape(grid.shape[:3]))
     corners = [inside[i : i + cells[0], j : j + cells[1], k : k + cells[2]] for i, j, k in np.ndindex(2, 2, 2)]
     full = np.sum(corners, axis=0)
     crossed = (full > 0) & (full < 8)
@@ -43,6 +43,34 @@ def surface_nets(distance: Distance, axes: Sequence[np.ndarray]) -> tuple[np.nda
     quads = np.concatenate([_quads(inside, number, axis) for axis in range(3)])
     vertices = _settle(distance, vertices, quads, spacing)
     return vertices, _triangulate(vertices, quads)
+
+
+def _well_composed(inside: np.ndarray) -> np.ndarray:
+    """Fill corners until no two inside corners touch only across a square's or a cube's diagonal.
+
+    Without such contacts the surface between inside and outside is a manifold, and so is its dual mesh.
+    """
+    inside = inside.copy()
+    while True:
+        before = inside.sum()
+        for axis in range(3):
+            plane = np.moveaxis(inside, axis, 0)
+            a, b, c, d = plane[:, :-1, :-1], plane[:, 1:, :-1], plane[:, :-1, 1:], plane[:, 1:, 1:]
+            crossing = (a == d) & (b == c) & (a != b)
+            for corner in (a, b, c, d):
+                corner |= crossing
+        shape = [size - 1 for size in inside.shape]
+        cube = {
+            (i, j, k): inside[i : i + shape[0], j : j + shape[1], k : k + shape[2]] for i, j, k in np.ndindex(2, 2, 2)
+        }
+        total = np.sum(list(cube.values()), axis=0)
+        for i, j in np.ndindex(2, 2):
+            first, second = cube[0, i, j], cube[1, 1 - i, 1 - j]
+            crossing = ((total == 2) & first & second) | ((total == 6) & ~first & ~second)
+            for corner in cube.values():
+                corner |= crossing
+        if inside.sum() == before:
+            return inside
 
 
 def _quads(inside: np.ndarray, number: np.ndarray, axis: int) -> np.ndarray:
