@@ -1,0 +1,109 @@
+"""`neural-strands synthesize`: a capture with ground truth, from a procedural groom or one of your own."""
+
+import json as json_module
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from neural_strands.cli.device import seeded
+from neural_strands.foundation.errors import InputError
+
+if TYPE_CHECKING:
+    from neural_strands.geometry.strands import Strands
+    from neural_strands.scalp.head import Head
+
+
+@dataclass(frozen=True)
+class Synthesize:
+    """Render a synthetic capture: hair on a head, seen by a dome of cameras, with masks and ground truth.
+
+    A stopped run goes on where it stopped when the same command is given again.
+    """
+
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the capture: new, empty, or begun by the same command."""
+    style: Literal["short", "straight", "wavy", "curly"] = "wavy"
+    """Style of the procedural groom."""
+    colour: Literal["black", "brown", "auburn", "blond", "grey"] = "brown"
+    """Pigment of the hair."""
+    strands: int = 10_000
+    """Strands of the procedural groom (100 to 1,000,000)."""
+    groom: Path | None = None
+    """A groom of your own instead (any format of `convert`, metres, y up); needs --head."""
+    head: Path | None = None
+    """The head mesh (metres, y up, +z out of the face). Default: the built-in mannequin."""
+    scalp: Path | None = None
+    """Where hair grows on --head: a chart, a face or vertex list, or a mask image. Default: found from the geometry."""
+    views: int = 24
+    """Number of cameras."""
+    resolution: int = 256
+    """Width and height of the pictures (pixels)."""
+    distance: float = 1.0
+    """From the cameras to the middle of the hair (m)."""
+    elevation_min: float = -25.0
+    """Lowest camera (degrees above the horizontal)."""
+    elevation_max: float = 75.0
+    """Highest camera (degrees above the horizontal)."""
+    samples: int = 16
+    """Light paths a pixel: noise falls with the root of it."""
+    seed: int = 0
+    """Of every random choice."""
+    overwrite: bool = False
+    """Throw away what OUT holds of a capture with other settings."""
+    json: bool = False
+    """Print one JSON object instead of a sentence."""
+
+    def run(self) -> None:
+        """Grow or read the groom, then render what is still missing."""
+        from neural_strands.synthesis.backend import load_mitsuba
+        from neural_strands.synthesis.dome import DomeConfig
+        from neural_strands.synthesis.path_tracer import TracingConfig
+        from neural_strands.synthesis.styles import MELANIN
+        from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
+
+        load_mitsuba()
+        head = self._head()
+        groom, origin = self._strands(head)
+        config = SynthesisConfig(
+            DomeConfig(self.views, self.resolution, self.distance, self.elevation_min, self.elevation_max),
+            TracingConfig(samples=self.samples, melanin=MELANIN[self.colour]),
+            self.seed,
+        )
+        rendered = synthesize(self.out, head, groom, config, origin, overwrite=self.overwrite)
+        figures = {
+            "folder": str(self.out),
+            "strands": len(groom),
+            "views": self.views,
+            "rendered": rendered,
+            "resolution": self.resolution,
+        }
+        sentence = (
+            f"{self.out}: {self.views} views of {self.resolution} x {self.resolution} pixels, {len(groom):,} strands; "
+            f"{rendered} views rendered now."
+        )
+        sys.stdout.write((json_module.dumps(figures) if self.json else sentence) + "\n")
+
+    def _head(self) -> "Head":
+        from neural_strands.scalp.load import load_head
+        from neural_strands.scalp.mannequin import mannequin
+
+        if self.head is not None:
+            return load_head(self.head, self.scalp)
+        if self.groom is not None or self.scalp is not None:
+            option = "groom" if self.groom is not None else "scalp"
+            raise InputError(f"--{option}: expected --head with it, the mesh that it belongs to; pass --head MESH.")
+        return mannequin()
+
+    def _strands(self, head: "Head") -> tuple["Strands", dict[str, str | int]]:
+        """The hair, and how it came to be."""
+        from neural_strands.grooms.io import read_groom
+        from neural_strands.synthesis.groom import make_groom
+        from neural_strands.synthesis.styles import MELANIN, STYLES
+
+        if self.groom is not None:
+            return read_groom(self.groom).strands(), {"groom": self.groom.name}
+        strands = make_groom(head, STYLES[self.style], MELANIN[self.colour], self.strands, seeded(self.seed))
+        return strands, {"style": self.style, "strands": self.strands}

@@ -1,0 +1,86 @@
+"""A dome of cameras that all see the whole of the hair."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+
+GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+"""Turn between neighbours on the spiral (rad): azimuths never line up."""
+
+
+@dataclass(frozen=True)
+class DomeConfig:
+    """Where cameras stand and what they see."""
+
+    views: int = 24
+    """Number of cameras."""
+    resolution: int = 256
+    """Width and height of the images (pixels)."""
+    distance: float = 1.0
+    """From the camera to the middle of the hair (m)."""
+    elevation_min: float = -25.0
+    """Lowest camera, degrees above the horizontal (negative: below the chin, looking up)."""
+    elevation_max: float = 75.0
+    """Highest camera, degrees above the horizontal."""
+    fill: float = 0.92
+    """Share of the frame that the hair fills in the view where it is largest (0 to 1)."""
+
+
+def dome(points: Float[Tensor, "*strand 3"], config: DomeConfig) -> tuple[Camera, ...]:
+    """Cameras on a spiral from the highest to the lowest elevation, evenly over the sphere between.
+
+    All share one focal length, the longest with which every point of the hair is in every frame.
+
+    Args:
+        points: of the hair, world metres.
+        config: the dome.
+
+    Raises:
+        InputError: a dome that cannot be: too few views, elevations that cross, cameras within the hair.
+    """
+    _check(config)
+    flat = points.reshape(-1, 3)
+    target = (flat.amin(dim=0) + flat.amax(dim=0)) / 2
+    reach = float((flat - target).norm(dim=-1).max())
+    if reach >= 0.9 * config.distance:
+        raise InputError(
+            f"distance: the hair reaches {reach:.2f} m from its middle, so cameras at {config.distance:g} m would "
+            f"stand in it; use at least {1.2 * reach:.2f}."
+        )
+    size = (config.resolution, config.resolution)
+    eyes = [target + config.distance * direction.to(target) for direction in dome_directions(config)]
+    unit = [Camera.look_at(eye, target, 1.0, size, f"{index:03d}") for index, eye in enumerate(eyes)]
+    middle = target.new_tensor([config.resolution / 2, config.resolution / 2])
+    spread = max(float((camera.project(flat)[0] - middle).abs().max()) for camera in unit)
+    focal = 0.5 * config.fill * config.resolution / spread
+    return tuple(Camera.look_at(eye, target, focal, size, camera.name) for eye, camera in zip(eyes, unit, strict=True))
+
+
+def dome_directions(config: DomeConfig) -> Float[Tensor, "view 3"]:
+    """Unit vectors from the hair to each camera (y up, +z out of the face); the first looks from the highest."""
+    high, low = (math.sin(math.radians(angle)) for angle in (config.elevation_max, config.elevation_min))
+    share = (torch.arange(config.views) + 0.5) / config.views
+    height = high + (low - high) * share
+    radius = (1 - height**2).sqrt()
+    azimuth = GOLDEN_ANGLE * torch.arange(config.views)
+    return torch.stack([radius * azimuth.sin(), height, radius * azimuth.cos()], dim=-1)
+
+
+def _check(config: DomeConfig) -> None:
+    if config.views < 1:
+        raise InputError(f"views: expected at least 1, got {config.views}.")
+    if not 8 <= config.resolution <= 8192:
+        raise InputError(f"resolution: expected 8 to 8192 pixels, got {config.resolution}.")
+    if not -90.0 < config.elevation_min <= config.elevation_max < 90.0:
+        raise InputError(
+            f"elevation: expected -90 < min <= max < 90 degrees, got {config.elevation_min:g} and "
+            f"{config.elevation_max:g}."
+        )
+    if not 0.0 < config.fill <= 1.0:
+        raise InputError(f"fill: expected a share above 0 and at most 1, got {config.fill:g}.")

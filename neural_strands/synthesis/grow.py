@@ -1,0 +1,108 @@
+"""Growing smooth strands: they leave the scalp, are combed, fall, and slide over the head in layers."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.scalp.roots import Roots
+from neural_strands.synthesis.comb import ScalpFrame, comb_directions
+from neural_strands.synthesis.distance_grid import DistanceGrid
+from neural_strands.synthesis.styles import Style
+
+POINTS = 100
+"""Points of every strand."""
+STIFF_LENGTH = 0.03
+"""Length over which a strand begins to feel gravity (m)."""
+LAYER_SLOPE = 0.25
+"""How fast a strand may climb to its layer: height over length."""
+HOLD = 0.88
+"""Share of gravity that hair does not feel while it rests on the upper head: friction keeps it where it is combed."""
+HOLD_HEIGHT = 0.008
+"""Height above its layer over which the hold is lost (m)."""
+CLEARANCE = 0.0006
+"""Least height of a strand above the skin, away from its root (m)."""
+
+
+def grow(
+    roots: Roots, frame: ScalpFrame, grid: DistanceGrid, style: Style, generator: torch.Generator
+) -> Float[Tensor, "root {POINTS} 3"]:
+    """Integrate one smooth strand of POINTS points from each root.
+
+    Each step bends the direction towards the ground, goes forward, and is lifted to the strand's layer above the skin
+    where it would fall below it; the step's length is kept, so arc lengths are what the style asks for.
+    """
+    normals = roots.normal
+    count, device = len(normals), normals.device
+    length = strand_lengths(roots.position, frame, style, generator)
+    step = length[:, None] / (POINTS - 1)
+    layer = style.thickness * (0.25 + 0.75 * _uniform(count, generator, device))
+    comb = comb_directions(roots.position, normals, frame, style)
+    direction = torch.nn.functional.normalize(comb + style.lift * normals, dim=-1)
+    hold_level = frame.centre[1] - 0.4 * frame.half_size[1]
+    down = normals.new_tensor([0.0, -1.0, 0.0])
+    point, points = roots.position, [roots.position]
+    above = point.new_zeros(count, 1)
+    for index in range(1, POINTS):
+        arc = step * index
+        held = torch.exp(-above / HOLD_HEIGHT) * ((point[:, 1:2] - hold_level) / HOLD_HEIGHT).clamp(0.0, 1.0)
+        pull = style.gravity * (arc / STIFF_LENGTH).clamp(max=1.0) * (1 - HOLD * held) * step
+        across = down - (direction * down).sum(dim=-1, keepdim=True) * direction
+        direction = torch.nn.functional.normalize(direction + pull * across, dim=-1)
+        height = torch.minimum(layer[:, None], CLEARANCE + LAYER_SLOPE * arc)
+        direction, above = _lifted(point, direction, step, height, grid)
+        point = point + step * direction
+        points.append(point)
+    return cut(torch.stack(points, dim=1), _tip_level(roots, style, generator))
+
+
+def strand_lengths(
+    positions: Float[Tensor, "root 3"], frame: ScalpFrame, style: Style, generator: torch.Generator
+) -> Float[Tensor, " root"]:
+    """Arc lengths wanted (metres): full at the crown, shorter below, varying between strands."""
+    share = style.side_length + (1 - style.side_length) * frame.height(positions).sqrt()
+    noise = torch.randn(len(positions), generator=generator, device=generator.device).to(positions.device)
+    return style.length * share * (1 + style.length_variation * noise.clamp(-2.5, 2.5))
+
+
+def cut(
+    points: Float[Tensor, "strand point 3"], level: Float[Tensor, " strand"] | None
+) -> Float[Tensor, "strand point 3"]:
+    """End strands where they first sink below a height of their own (metres), with as many points as before."""
+    if level is None:
+        return points
+    count = points.shape[1]
+    below = points[:, :, 1] < level[:, None]
+    last = torch.where(below.any(dim=1), below.float().argmax(dim=1), count - 1).clamp(min=count // 8)
+    position = last[:, None] * torch.linspace(0.0, 1.0, count, device=points.device)
+    left = position.floor().long().clamp(max=count - 2)
+    weight = (position - left)[..., None]
+    picked = [points.gather(1, index[..., None].expand(-1, -1, 3)) for index in (left, left + 1)]
+    return picked[0] * (1 - weight) + picked[1] * weight
+
+
+def _tip_level(roots: Roots, style: Style, generator: torch.Generator) -> Float[Tensor, " root"] | None:
+    if style.tip_level is None:
+        return None
+    ragged = _uniform(len(roots.position), generator, roots.position.device)
+    return roots.position[:, 1].amin() - style.tip_level + (ragged**2) * 4 * style.length_variation * 0.1
+
+
+def _lifted(
+    point: Float[Tensor, "root 3"],
+    direction: Float[Tensor, "root 3"],
+    step: Float[Tensor, "root 1"],
+    height: Float[Tensor, "root 1"],
+    grid: DistanceGrid,
+) -> tuple[Float[Tensor, "root 3"], Float[Tensor, "root 1"]]:
+    """Turn directions so that a step ends `height` above the skin or climbs towards it; also how far above it ends."""
+    above = torch.zeros_like(height)
+    for _ in range(2):
+        distance, outward = grid.sample(point + step * direction)
+        above = distance[:, None] - height
+        missing = (-above).clamp(min=0.0).minimum(step)
+        direction = torch.nn.functional.normalize(direction + missing / step * outward, dim=-1)
+    return direction, above.clamp(min=0.0)
+
+
+def _uniform(count: int, generator: torch.Generator, device: torch.device) -> Float[Tensor, " {count}"]:
+    return torch.rand(count, generator=generator, device=generator.device).to(device)
