@@ -5,24 +5,15 @@ squares solve. The frequency is searched over a grid, then refined with the chir
 amplitudes are solved for at once (variable projection, Golub and Pereyra 1973).
 
 Errors are measured on positions and, weighted by `DIRECTION_WEIGHT`, on dp/dt; strands are first divided by their
-length. "Rows" below are those two kinds of equations, one after the other.
+length. Functions of t are rows: (strand, function, step).
 """
-
-import math
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.strands import lengths, segments
-from neural_strands.prior.generator import (
-    LARGEST_GAIN,
-    LONGEST,
-    SHORTEST,
-    Raw,
-    StrandGenerator,
-    logit_between,
-)
+from neural_strands.prior.generator import LARGEST_GAIN, LONGEST, SHORTEST, Raw, StrandGenerator, logit_between
 from neural_strands.prior.synthesiser import Synthesiser, times
 
 DIRECTION_WEIGHT = 0.03
@@ -31,160 +22,176 @@ RIDGE = 1e-5
 """Regularisation of the amplitudes, relative to the mean diagonal of their normal equations."""
 GRID = 48
 """Curl frequencies that are tried."""
+BLOCK = 256
+"""Strands that are solved for at once: their sines stay in the processor's cache."""
+SMALLEST_SHARE, LARGEST_SHARE = 1e-4, 0.98
+"""Bounds of the curl's amplitude as a share of `LARGEST_GAIN`; straight hair is at the lower one."""
 
 
 class Analysis:
-    """The least squares problem of one generator at one number of points, its fixed parts worked out once."""
+    """The least squares problem of one generator at one number of points, its fixed parts worked out once.
+
+    Attributes:
+        metric: maps functions of t to the space where the plain squared norm is the error measured.
+        project: `metric`, and then what the smooth functions explain taken out.
+        smooth_weights: maps functions of t to the best weights of the smooth functions.
+    """
 
     def __init__(self, generator: StrandGenerator, points: int) -> None:
-        synthesiser = generator.synthesiser
-        self.synthesiser, self.points = synthesiser, points
+        layer = generator.synthesiser
+        self.layer, self.points = layer, points
         self.bounds = generator.frequency_bounds()
-        self.modulated = synthesiser.config.modulation == "all"
-        t = times(points, synthesiser.config.output, synthesiser.carrier_frequency)
+        self.modulated = layer.config.modulation == "all"
+        t = times(points, layer.config.output, layer.carrier_frequency)
         self.tau = t - 0.5
-        self.smooth = self.rows((synthesiser.smooth_mix @ synthesiser.carriers(t, points)).T)
-        self.orthogonal, self.triangle = torch.linalg.qr(self.smooth)
-        self.warp = (synthesiser.warp_mix @ synthesiser.carriers(t, None)).T
+        self.metric = metric(layer, points)
+        smooth = (layer.smooth_mix @ layer.carriers(t, points)) @ self.metric
+        orthogonal, triangle = torch.linalg.qr(smooth.T)
+        self.project = self.metric - (self.metric @ orthogonal) @ orthogonal.T
+        self.smooth_weights = torch.linalg.solve_triangular(triangle, (self.metric @ orthogonal).T, upper=True).T
+        self.warp = layer.warp_mix @ layer.carriers(t, None)
+        low, high = self.bounds
         if self.modulated:
-            low, high = self.bounds
             self.grid = low * (high / low) ** torch.linspace(0.002, 0.998, GRID, device=t.device)
         else:
-            self.grid = torch.full((1,), self.bounds[0], device=t.device)
-            self.fixed = generator.fixed_frequencies()
-        bases = self.curl_rows(self.grid, None)
-        self.grid_bases = torch.linalg.qr(bases - self.orthogonal @ (self.orthogonal.T @ bases))[0]
+            self.grid, self.fixed = torch.full((1,), low, device=t.device), generator.fixed_frequencies()
+        waves = self.angles(self.grid, torch.zeros(len(self.grid), len(self.warp), device=t.device)).sin()
+        self.grid_bases = torch.linalg.qr((waves @ self.project).transpose(1, 2))[0]
 
-    def rows(self, steps: Float[Tensor, "*batch step column"]) -> Float[Tensor, "*batch row column"]:
-        """Equations of functions of t: their integral from the root, and (weighted) their values."""
-        if self.synthesiser.config.output == "position":
-            placed = steps[..., 1:, :] - steps[..., :1, :]
-            gradient = (steps[..., 1:, :] - steps[..., :-1, :]) * (self.points - 1)
-        else:
-            placed, gradient = steps.cumsum(dim=-2) / (self.points - 1), steps
-        return torch.cat([placed, DIRECTION_WEIGHT * gradient], dim=-2)
+    def angles(
+        self, frequency: Float[Tensor, " strand"], warp: Float[Tensor, "strand warp"]
+    ) -> Float[Tensor, "strand unit step"]:
+        """Arguments of the second layer's sines."""
+        bent = (warp @ self.warp)[:, None] + self.layer.unit_phase[:, None]
+        return self.frequencies(frequency)[..., None] * self.tau + bent
 
-    def curl_waves(
-        self, frequency: Float[Tensor, " strand"], warp: Float[Tensor, "strand warp"] | None
-    ) -> Float[Tensor, "strand step unit"]:
-        """The second layer's sines at one frequency a strand."""
-        layer = self.synthesiser
-        each = frequency[:, None] + layer.unit_frequency if self.modulated else self.fixed.expand(len(frequency), -1)
-        angle = each[:, None] * self.tau[:, None] + layer.unit_phase
-        if warp is not None:
-            angle = angle + (warp @ self.warp.T)[..., None]
-        return angle.sin() * layer.attenuation(each, self.points)[:, None]
+    def frequencies(self, frequency: Float[Tensor, " strand"]) -> Float[Tensor, "strand unit"]:
+        """Frequency of each unit."""
+        if self.modulated:
+            return frequency[:, None] + self.layer.unit_frequency
+        return self.fixed.expand(len(frequency), -1)
 
-    def curl_rows(
-        self, frequency: Float[Tensor, " strand"], warp: Float[Tensor, "strand warp"] | None
-    ) -> Float[Tensor, "strand row unit"]:
-        """Equations of the second layer's sines."""
-        return self.rows(self.curl_waves(frequency, warp))
-
-    def project(self, rows: Float[Tensor, "*batch row column"]) -> Float[Tensor, "*batch row column"]:
-        """Take out what the smooth functions explain."""
-        return rows - self.orthogonal @ (self.orthogonal.T @ rows)
-
-    def solve(self, shapes: Float[Tensor, "strand point 3"], refine: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Frequency, warp, curl amplitudes (unit, 3) and smooth weights (smooth, 3) of strands of unit length."""
-        offsets = segments(shapes)
-        target = torch.cat([shapes[:, 1:] - shapes[:, :1], DIRECTION_WEIGHT * (self.points - 1) * offsets], dim=1)
-        rest = self.project(target)
-        warp = shapes.new_zeros(len(shapes), self.warp.shape[1])
+    def solve(
+        self, shapes: Float[Tensor, "strand point 3"], refine: int
+    ) -> tuple[Tensor, Tensor, Float[Tensor, "strand 3 unit"], Float[Tensor, "strand 3 smooth"]]:
+        """Frequency, warp, curl amplitudes and smooth weights of strands of unit length."""
+        gradient = self.layer.config.output == "gradient"
+        steps = (segments(shapes) * (self.points - 1) if gradient else shapes).transpose(1, 2).contiguous()
+        rest = steps @ self.project
         frequency = self.search(rest)
+        warp = shapes.new_zeros(len(shapes), len(self.warp))
+        basis, unit = self.amplitudes(rest, frequency, warp)
         for _ in range(refine if self.modulated else 0):
-            frequency, warp = self.refined(rest, frequency, warp)
-        basis = self.curl_rows(frequency, warp)
-        unit = solve_ridge(self.project(basis), rest)
-        left = self.orthogonal.T @ (target - basis @ unit)
-        smooth = torch.linalg.solve_triangular(self.triangle, left, upper=True)
-        return frequency, warp, unit, smooth
+            moved = self.moved(rest - unit @ basis, basis, unit, frequency, warp)
+            new_basis, new_unit = self.amplitudes(rest, *moved)
+            better = squared(rest - new_unit @ new_basis) < squared(rest - unit @ basis)
+            frequency = torch.where(better, moved[0], frequency)
+            warp = torch.where(better[:, None], moved[1], warp)
+            basis = torch.where(better[:, None, None], new_basis, basis)
+            unit = torch.where(better[:, None, None], new_unit, unit)
+        # `unit` is in values of the averaged sines; the synthesiser attenuates them itself.
+        attenuation = self.layer.attenuation(self.frequencies(frequency), self.points)[:, None]
+        smooth = (steps - unit @ self.angles(frequency, warp).sin()) @ self.smooth_weights
+        return frequency, warp, unit / attenuation, smooth
 
-    def search(self, rest: Float[Tensor, "strand row 3"]) -> Float[Tensor, " strand"]:
+    def search(self, rest: Float[Tensor, "strand 3 step"]) -> Float[Tensor, " strand"]:
         """The grid's frequency whose sines explain most of the rest."""
-        grid, row, unit = self.grid_bases.shape
-        flat = self.grid_bases.permute(1, 0, 2).reshape(row, grid * unit)
-        explained = (rest.transpose(1, 2) @ flat).square().sum(dim=1).unflatten(1, (grid, unit)).sum(dim=-1)
+        grid, step, unit = self.grid_bases.shape
+        flat = self.grid_bases.permute(1, 0, 2).reshape(step, grid * unit)
+        explained = (rest @ flat).square().sum(dim=1).unflatten(1, (grid, unit)).sum(dim=-1)
         return self.grid[explained.argmax(dim=1)]
 
-    def refined(
-        self, rest: Float[Tensor, "strand row 3"], frequency: Float[Tensor, " strand"], warp: Float[Tensor, "strand w"]
-    ) -> tuple[Float[Tensor, " strand"], Float[Tensor, "strand w"]]:
-        """One damped Gauss-Newton step of frequency and warp, kept where it lowers the error."""
-        layer = self.synthesiser
-        waves = self.curl_waves(frequency, warp)
-        basis = self.project(self.rows(waves))
-        unit = solve_ridge(basis, rest)
-        residual = rest - basis @ unit
-        # d sin(angle) / d angle is the sine a quarter turn on.
-        each = frequency[:, None] + layer.unit_frequency
-        angle = each[:, None] * self.tau[:, None] + layer.unit_phase + (warp @ self.warp.T)[..., None]
-        slope = (angle.cos() * layer.attenuation(each, self.points)[:, None]) @ unit
-        by_phase = torch.cat([self.tau[:, None], self.warp], dim=1)
-        count = by_phase.shape[1]
-        columns = (slope[..., None] * by_phase[:, None]).flatten(2)
-        columns = self.project(self.rows(columns))
-        columns = columns - basis @ solve_ridge(basis, columns)
-        jacobian = columns.unflatten(2, (3, count)).flatten(1, 2)
-        step = solve_ridge(jacobian, residual.flatten(1)[..., None], 1e-3)[..., 0]
+    def amplitudes(
+        self, rest: Float[Tensor, "strand 3 step"], frequency: Float[Tensor, " strand"], warp: Float[Tensor, "strand w"]
+    ) -> tuple[Float[Tensor, "strand unit step"], Float[Tensor, "strand 3 unit"]]:
+        """The curl's functions of t (projected) and their best amplitudes."""
+        basis = self.angles(frequency, warp).sin() @ self.project
+        return basis, solve_ridge(basis, rest)
+
+    def moved(
+        self,
+        residual: Float[Tensor, "strand 3 step"],
+        basis: Float[Tensor, "strand unit step"],
+        unit: Float[Tensor, "strand 3 unit"],
+        frequency: Float[Tensor, " strand"],
+        warp: Float[Tensor, "strand warp"],
+    ) -> tuple[Float[Tensor, " strand"], Float[Tensor, "strand warp"]]:
+        """Frequency and warp after one Gauss-Newton step, the amplitudes solved for at once."""
+        slope = unit @ self.angles(frequency, warp).cos()
+        by_phase = torch.cat([self.tau[None], self.warp])
+        columns = (slope[:, None] * by_phase[:, None]).flatten(1, 2) @ self.project
+        columns = columns - solve_ridge(basis, columns) @ basis
+        jacobian = columns.unflatten(1, (len(by_phase), 3)).flatten(2)
+        step = solve_ridge(jacobian, residual.flatten(1)[:, None], 1e-3)[:, 0]
         low, high = self.bounds
-        moved = (frequency + step[:, 0]).clamp(low * 1.001, high * 0.999), warp + step[:, 1:].clamp(-1.0, 1.0)
-        basis = self.project(self.curl_rows(*moved))
-        after = (rest - basis @ solve_ridge(basis, rest)).square().sum(dim=(1, 2))
-        better = after < residual.square().sum(dim=(1, 2))
-        return torch.where(better, moved[0], frequency), torch.where(better[:, None], moved[1], warp)
+        return (frequency + step[:, 0]).clamp(low * 1.001, high * 0.999), warp + step[:, 1:].clamp(-1.0, 1.0)
 
 
-def solve_ridge(
-    basis: Float[Tensor, "strand row unit"], target: Float[Tensor, "strand row column"], ridge: float = RIDGE
-) -> Float[Tensor, "strand unit column"]:
-    """Least squares by regularised normal equations."""
-    normal = basis.transpose(1, 2) @ basis
-    scale = normal.diagonal(dim1=1, dim2=2).mean(dim=1)[:, None, None] + 1e-12
-    damped = normal + ridge * scale * torch.eye(normal.shape[1], device=normal.device)
-    return torch.linalg.solve(damped, basis.transpose(1, 2) @ target)
-
-
-def analyse(generator: StrandGenerator, points: Float[Tensor, "strand point 3"], refine: int = 2) -> Raw:
-    """Raw quantities of strands in local metres (at least two points, none of zero length)."""
+@torch.no_grad()
+def analyse(generator: StrandGenerator, points: Float[Tensor, "strand point 3"], refine: int = 1) -> Raw:
+    """Raw quantities of strands in local metres (at least three points, none of zero length)."""
     length = lengths(points)
     problem = Analysis(generator, points.shape[1])
-    frequency, warp, unit, smooth = problem.solve(points / length[:, None, None], refine)
-    size = unit.square().mean(dim=(1, 2)).sqrt()
-    share = (size / LARGEST_GAIN).clamp(1e-4, 0.98)
-    gain = LARGEST_GAIN * share
+    solved = [problem.solve(block, refine) for block in (points / length[:, None, None]).split(BLOCK)]
+    frequency, warp, unit, smooth = (torch.cat(parts) for parts in zip(*solved, strict=True))
+    share = (unit.square().mean(dim=(1, 2)).sqrt() / LARGEST_GAIN).clamp(SMALLEST_SHARE, LARGEST_SHARE)
     return Raw(
         logit_between(length, SHORTEST, LONGEST),
         torch.logit(share),
         logit_between(frequency, *problem.bounds),
         warp,
-        (unit / gain[:, None, None]).transpose(1, 2),
-        smooth.transpose(1, 2),
+        unit / (LARGEST_GAIN * share)[:, None, None],
+        smooth,
     )
 
 
-def fit_smooth_functions(synthesiser: Synthesiser, curves: Float[Tensor, "strand point 3"]) -> Tensor:
+def metric(layer: Synthesiser, points: int) -> Float[Tensor, "step step"]:
+    """Square root of the error's quadratic form: |f @ metric|^2 = |positions|^2 + (weight x |slopes|)^2."""
+    with torch.no_grad():
+        steps = points - 1 if layer.config.output == "gradient" else points
+        unit = torch.eye(steps, dtype=torch.float64, device=layer.carrier_frequency.device)
+        return torch.linalg.qr(rows(layer, unit, points).T)[1].T.to(layer.carrier_frequency)
+
+
+def rows(layer: Synthesiser, steps: Float[Tensor, "*batch step"], points: int) -> Float[Tensor, "*batch row"]:
+    """Positions of functions of t and, weighted, their slopes, side by side."""
+    if layer.config.output == "position":
+        placed, slope = steps[..., 1:] - steps[..., :1], torch.diff(steps, dim=-1) * (points - 1)
+    else:
+        placed, slope = steps.cumsum(dim=-1) / (points - 1), steps
+    return torch.cat([placed, DIRECTION_WEIGHT * slope], dim=-1)
+
+
+def squared(residual: Float[Tensor, "strand 3 step"]) -> Float[Tensor, " strand"]:
+    """Squared norm of each strand's residual."""
+    return residual.square().sum(dim=(1, 2))
+
+
+def solve_ridge(
+    basis: Float[Tensor, "strand unit step"], target: Float[Tensor, "strand row step"], ridge: float = RIDGE
+) -> Float[Tensor, "strand row unit"]:
+    """Weights of the basis' functions that come closest to each target, by regularised normal equations."""
+    normal = basis @ basis.transpose(1, 2)
+    scale = normal.diagonal(dim1=1, dim2=2).mean(dim=1)[:, None, None] + 1e-12
+    damped = normal + ridge * scale * torch.eye(normal.shape[1], device=normal.device)
+    return torch.linalg.solve(damped, basis @ target.transpose(1, 2)).transpose(1, 2)
+
+
+@torch.no_grad()
+def principal_functions(layer: Synthesiser, curves: Float[Tensor, "strand point 3"]) -> Float[Tensor, "smooth carrier"]:
     """Mixes of the carriers that follow the principal functions of t of the curves' coordinates.
 
     Every coordinate of every curve (divided by its length) is one function of t; the functions that explain most of
     their positions and slopes are fitted by the carriers.
     """
-    config, count = synthesiser.config, curves.shape[1]
-    shapes = curves / lengths(curves)[:, None, None]
-    slope = segments(shapes) * (count - 1)
-    rows = torch.cat([shapes[:, 1:] - shapes[:, :1], DIRECTION_WEIGHT * slope], dim=1)
-    samples = rows.transpose(1, 2).flatten(0, 1).double()
-    values, vectors = torch.linalg.eigh(samples.T @ samples)
-    functions = vectors.flip(1)[:, : config.smooth] * values.flip(0)[: config.smooth].div(len(samples)).sqrt()
-    t = times(count, config.output, synthesiser.carrier_frequency)
-    waves = synthesiser.carriers(t, count).T.double()
-    placed = waves[1:] - waves[:1] if config.output == "position" else waves.cumsum(dim=0) / (count - 1)
-    difference = torch.diff(waves, dim=0) * (count - 1) if config.output == "position" else waves
-    basis = torch.cat([placed, DIRECTION_WEIGHT * difference])
-    normal = basis.T @ basis
+    config, count = layer.config, curves.shape[1]
+    shapes = (curves / lengths(curves)[:, None, None]).double()
+    steps = segments(shapes) * (count - 1) if config.output == "gradient" else shapes
+    samples = rows(layer, steps.transpose(1, 2), count).flatten(0, 1)
+    values, vectors = torch.linalg.eigh(samples.T @ samples / len(samples))
+    functions = vectors.flip(1)[:, : config.smooth] * values.flip(0)[: config.smooth].clamp(min=0).sqrt()
+    t = times(count, config.output, layer.carrier_frequency)
+    basis = rows(layer, layer.carriers(t, count).double(), count)
+    normal = basis @ basis.T
     damped = normal + 1e-8 * normal.diagonal().mean() * torch.eye(len(normal), dtype=normal.dtype)
-    mix = torch.linalg.solve(damped, basis.T @ functions).T
-    explained = 1 - (functions - basis @ mix.T).square().sum(0) / functions.square().sum(0)
-    if explained.min() < 1 - 1 / math.e:
-        raise ValueError(f"the carriers explain only {float(explained.min()):.2f} of a smooth function; use more")
-    return mix.float()
+    return torch.linalg.solve(damped, basis @ functions).T.to(layer.smooth_mix)

@@ -1,8 +1,8 @@
 """The encoder: a strand to the mean and deviation of its latent (paper, "Training / Strand Generator": a 1D CNN).
 
-Two paths are added. The closed-form analysis (`prior.analysis`) finds the curl's frequency by search and every
-amplitude by least squares: it makes the mean exact to a tenth of a millimetre. The 1D CNN gives the deviation, and
-corrects the mean for what the modulator's MLP adds. With `analysis` off the CNN stands alone, as in the paper.
+The mean comes from the closed-form analysis (`prior.analysis`), which finds the curl's frequency by search and every
+amplitude by least squares, exact to a tenth of a millimetre; the 1D CNN gives the deviation. With `analysis` off the
+CNN gives both, as in the paper.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class EncoderConfig:
     hidden: int = 128
     """Width of the layer before the heads."""
     analysis: bool = True
-    """Whether the mean starts from the closed-form analysis, or comes from the CNN alone (the paper)."""
+    """Whether the mean is the closed-form analysis, or comes from the CNN (the paper)."""
     refine: int = 1
     """Gauss-Newton steps of the analysis."""
     start_log_std: float = -4.0
@@ -65,17 +65,13 @@ class StrandEncoder(nn.Module):
         if points.shape[1] != self.config.points:
             raise ValueError(f"strands must have {self.config.points} points, got {points.shape[1]}")
         hidden = self.trunk(self.features(points))
-        mean = self.mean(hidden)
-        if self.config.analysis:
-            mean = mean + self.analysed(points)
+        mean = self.analysed(points) if self.config.analysis else self.mean(hidden)
         return mean, self.config.start_log_std + self.log_std(hidden)
 
     def analysed(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
-        """Latents whose linear skip gives the quantities of the closed-form analysis; no gradient passes through."""
+        """Latents of the closed-form analysis; gradients pass to the modulator, not through the analysis."""
         (generator,) = self._generator
-        with torch.no_grad():
-            raw = analyse(generator, points, self.config.refine).flat()
-            return torch.linalg.lstsq(generator.skip.weight, (raw - generator.skip.bias).T).solution.T
+        return generator.latent(analyse(generator, points, self.config.refine))[0]
 
     def features(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand channel step"]:
         """Position and direction at each step, both free of scale, and the logarithm of the length."""

@@ -1,17 +1,18 @@
 """The strand generator: a latent vector to a strand (paper, "Strand Generator").
 
-The modulator is an MLP with a linear skip. The skip alone turns the 64 numbers into 64 raw quantities with a meaning
-(length, curl gain, curl frequency, chirp, amplitudes); the MLP adds what is not linear. The skip is chosen so that
-latents of the training curves have zero mean and unit covariance: see `prior.whiten`.
+The modulator turns the latent into 64 raw quantities with a meaning (length, gain and frequency of the curl, chirp,
+amplitudes of both sine layers), from which amplitude, frequency and phase of the synthesiser's sines follow.
 """
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from neural_strands.prior.fast import synthesise
+from neural_strands.prior.modulator import CouplingModulator, MlpModulator
 from neural_strands.prior.synthesiser import Modulations, Synthesiser, SynthesiserConfig
 
 SHORTEST, LONGEST = 0.003, 2.0
@@ -26,17 +27,19 @@ class GeneratorConfig:
 
     latent: int = 64
     """Numbers a strand (D_g in the paper)."""
+    modulator: Literal["coupling", "mlp"] = "coupling"
+    """Invertible coupling layers, or the paper's MLP."""
     hidden: int = 64
-    """Width of the modulator's MLP."""
-    layers: int = 2
-    """Hidden layers of the modulator's MLP; the latent is fed to each of them."""
+    """Width of the modulator's networks."""
+    layers: int = 8
+    """Coupling layers, or layers of the MLP."""
     synthesiser: SynthesiserConfig = field(default_factory=SynthesiserConfig)
     """The sine layers."""
 
 
 @dataclass(frozen=True)
 class Raw:
-    """The quantities that the skip gives: unbounded numbers.
+    """What the modulator gives: unbounded numbers.
 
     Attributes:
         length: logit of the logarithm of the length between its bounds.
@@ -67,15 +70,10 @@ class StrandGenerator(nn.Module):
         super().__init__()
         self.config = config or GeneratorConfig()
         inner = self.config.synthesiser
-        self.raw_size = 3 + inner.warps + 3 * inner.units + 3 * inner.smooth
-        latent, hidden = self.config.latent, self.config.hidden
-        self.skip = nn.Linear(latent, self.raw_size)
-        self.modulator = nn.ModuleList(
-            nn.Linear(latent if layer == 0 else hidden + latent, hidden) for layer in range(self.config.layers)
-        )
-        self.extra = nn.Linear(hidden, 3 * inner.carriers + 5 * inner.units + inner.warps)
-        nn.init.zeros_(self.extra.weight)
-        nn.init.zeros_(self.extra.bias)
+        raw_size = 3 + inner.warps + 3 * inner.units + 3 * inner.smooth
+        build = CouplingModulator if self.config.modulator == "coupling" else MlpModulator
+        self.modulator = build(self.config.latent, self.config.hidden, self.config.layers)
+        self.linear = nn.Linear(self.config.latent, raw_size)
         self.synthesiser = Synthesiser(inner)
 
     def forward(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
@@ -95,10 +93,11 @@ class StrandGenerator(nn.Module):
         return self.synthesiser(self.modulations(latent), points)
 
     def raw(self, latent: Float[Tensor, "strand latent"]) -> Raw:
-        """The linear skip: quantities with a meaning."""
+        """The modulator and its linear map: quantities with a meaning."""
         inner = self.config.synthesiser
         sizes = [1, 1, 1, inner.warps, 3 * inner.units, 3 * inner.smooth]
-        length, gain, frequency, warp, unit, smooth = self.skip(latent).split(sizes, dim=1)
+        parts = self.linear(self.modulator(latent)).split(sizes, dim=1)
+        length, gain, frequency, warp, unit, smooth = parts
         return Raw(
             length[:, 0],
             gain[:, 0],
@@ -108,30 +107,33 @@ class StrandGenerator(nn.Module):
             smooth.unflatten(1, (3, inner.smooth)),
         )
 
+    def latent(self, raw: Raw) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
+        """Inverse of `raw` and its log volume change (up to the constant of the linear map).
+
+        Raises:
+            ValueError: the modulator is the paper's MLP, which has no inverse.
+        """
+        if not isinstance(self.modulator, CouplingModulator):
+            raise ValueError("only a generator with a coupling modulator can be inverted")
+        white = torch.linalg.solve(self.linear.weight, (raw.flat() - self.linear.bias).T).T
+        return self.modulator.inverse(white)
+
     def modulations(self, latent: Float[Tensor, "strand latent"]) -> Modulations:
-        """Amplitudes, frequencies and phases of the sine layers: the skip's, plus what the MLP adds."""
-        inner = self.config.synthesiser
+        """Amplitudes, frequencies and phases of the sine layers."""
         raw = self.raw(latent)
-        extra = self.extra(self._hidden(latent))
-        sizes = [3 * inner.carriers, 3 * inner.units, inner.units, inner.units, inner.warps]
-        carrier, unit, frequency, phase, warp = extra.split(sizes, dim=1)
-        synthesiser = self.synthesiser
-        if inner.modulation == "all":
-            centre = between(raw.frequency, *self.frequency_bounds())[:, None]
-            frequency = centre + synthesiser.unit_frequency + frequency
-            phase = synthesiser.unit_phase + phase
-            warp = raw.warp + warp
+        layer = self.synthesiser
+        if self.config.synthesiser.modulation == "all":
+            frequency = between(raw.frequency, *self.frequency_bounds())[:, None] + layer.unit_frequency
+            warp = raw.warp
         else:
-            frequency = self.fixed_frequencies().expand_as(frequency)
-            phase = synthesiser.unit_phase.expand_as(phase)
-            warp = torch.zeros_like(warp)
+            frequency = self.fixed_frequencies().expand(len(latent), -1)
+            warp = torch.zeros_like(raw.warp)
         gain = LARGEST_GAIN * raw.gain.sigmoid()
         return Modulations(
             between(raw.length, SHORTEST, LONGEST),
-            raw.smooth @ synthesiser.smooth_mix + carrier.unflatten(1, (3, inner.carriers)),
-            gain[:, None, None] * (raw.unit + unit.unflatten(1, (3, inner.units))),
+            raw.smooth @ layer.smooth_mix,
+            gain[:, None, None] * raw.unit,
             frequency,
-            phase,
             warp,
         )
 
@@ -142,18 +144,11 @@ class StrandGenerator(nn.Module):
 
     def fixed_frequencies(self) -> Float[Tensor, " unit"]:
         """Frequencies of the second layer when only amplitudes are modulated: spread above the smooth functions."""
-        spread = torch.arange(self.config.synthesiser.units, device=self.skip.weight.device) // 2
+        spread = torch.arange(self.config.synthesiser.units, device=self.linear.weight.device) // 2
         return self.frequency_bounds()[0] + self.synthesiser.unit_frequency + spread * torch.pi
 
-    def _hidden(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand hidden"]:
-        hidden = latent
-        for index, layer in enumerate(self.modulator):
-            taken = latent if index == 0 else torch.cat([hidden, latent], dim=1)
-            hidden = torch.nn.functional.silu(layer(taken))
-        return hidden
-
     def _check(self, latent: Tensor, points: int) -> None:
-        if latent.shape[1] != self.config.latent:
+        if latent.ndim != 2 or latent.shape[1] != self.config.latent:
             raise ValueError(f"latent must be (strand, {self.config.latent}), got {tuple(latent.shape)}")
         if points < 2:
             raise ValueError(f"a strand needs at least two points, got {points}")
@@ -166,5 +161,5 @@ def between(logit: Float[Tensor, " strand"], low: float, high: float) -> Float[T
 
 def logit_between(value: Float[Tensor, " strand"], low: float, high: float) -> Float[Tensor, " strand"]:
     """Inverse of `between`; values outside are taken at the bound."""
-    share = torch.log(value.clamp(min=1e-12) / low) / torch.log(torch.tensor(high / low))
+    share = (value / low).log() / torch.full_like(value, high / low).log()
     return torch.logit(share, eps=1e-4)

@@ -60,15 +60,13 @@ class Modulations:
         carrier_amplitude: of the first layer, an axis.
         unit_amplitude: of the second layer, an axis.
         frequency: of each second-layer unit, radians over t in [0, 1].
-        phase: added to each second-layer unit, radians.
-        warp: weight of each warp function, radians.
+        warp: weight of each warp function in the phase of the second layer, radians.
     """
 
     length: Float[Tensor, " strand"]
     carrier_amplitude: Float[Tensor, "strand 3 carrier"]
     unit_amplitude: Float[Tensor, "strand 3 unit"]
     frequency: Float[Tensor, "strand unit"]
-    phase: Float[Tensor, "strand unit"]
     warp: Float[Tensor, "strand warp"]
 
 
@@ -102,7 +100,7 @@ class Synthesiser(nn.Module):
         amplitude = modulations.unit_amplitude * self.attenuation(frequency, points)[:, None]
         first = modulations.carrier_amplitude @ self.carriers(t, points)
         warp = modulations.warp @ (self.warp_mix @ self.carriers(t, None))
-        angle = frequency[..., None] * (t - 0.5) + (modulations.phase[..., None] + warp[:, None])
+        angle = frequency[..., None] * (t - 0.5) + (self.unit_phase[:, None] + warp[:, None])
         return weight * (first + amplitude @ angle.sin())
 
     def step_size(self, points: int) -> float:

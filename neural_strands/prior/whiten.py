@@ -4,34 +4,31 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.prior.analysis import analyse, fit_smooth_functions
+from neural_strands.prior.analysis import analyse, principal_functions
 from neural_strands.prior.generator import StrandGenerator
-
-BLOCK = 1024
-"""Curves that are analysed at once."""
 
 
 @torch.no_grad()
 def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand point 3"], refine: int = 1) -> None:
-    """Set the smooth functions to the principal ones of the curves, and the skip so that their latents are white.
+    """Set the smooth functions to the principal ones of the curves, and the linear map so that their latents are white.
 
     White means zero mean and unit covariance, so that a sample of N(0, I) has the curves' lengths, curls and bends. The
-    skip is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the next one the gain
+    map is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the next one the gain
     given the length, then frequency, chirp, curl and bends.
 
     Raises:
         ValueError: the latent has another size than the raw quantities.
     """
-    if generator.config.latent != generator.raw_size:
+    if generator.config.latent != generator.linear.out_features:
         raise ValueError(
-            f"a closed-form start needs as many latents as raw quantities ({generator.raw_size}), "
+            f"a closed-form start needs as many latents as raw quantities ({generator.linear.out_features}), "
             f"got {generator.config.latent}"
         )
-    generator.synthesiser.smooth_mix.copy_(fit_smooth_functions(generator.synthesiser, curves))
-    raw = torch.cat([analyse(generator, block, refine).flat() for block in curves.split(BLOCK)])
+    generator.synthesiser.smooth_mix.copy_(principal_functions(generator.synthesiser, curves))
+    raw = analyse(generator, curves, refine).flat()
     mean, factor = whitening(raw)
-    generator.skip.weight.copy_(factor)
-    generator.skip.bias.copy_(mean)
+    generator.linear.weight.copy_(factor)
+    generator.linear.bias.copy_(mean)
 
 
 def whitening(samples: Float[Tensor, "sample channel"]) -> tuple[Float[Tensor, " channel"], Float[Tensor, "c c"]]:

@@ -1,0 +1,86 @@
+"""Modulators: networks that turn a latent into the raw quantities behind amplitude, frequency and phase.
+
+`CouplingModulator` is a stack of affine coupling layers (Dinh et al. 2017, "Density estimation using Real NVP"). It is
+invertible, so the encoder's closed-form quantities have an exact latent, and it is trained until the latents of the
+training curves are standard normal: a sample of N(0, I) is then a strand like theirs. `MlpModulator` is the paper's:
+the latent is fed to every layer, as in its authors' later code.
+"""
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
+
+STEEPEST = 1.5
+"""Bound of the logarithm of a coupling layer's scale: keeps the map from latent to strand well conditioned."""
+
+
+class CouplingModulator(nn.Module):
+    """Affine coupling layers over a random order of the latent; the identity before training."""
+
+    def __init__(self, latent: int, hidden: int, layers: int) -> None:
+        super().__init__()
+        if latent % 2:
+            raise ValueError(f"coupling layers need an even latent, got {latent}")
+        self.kept = latent // 2
+        order = torch.Generator().manual_seed(0)
+        halves = [torch.randperm(latent, generator=order) for _ in range(layers)]
+        self.order: Int64[Tensor, "layer latent"]
+        self.register_buffer("order", torch.stack(halves))
+        self.networks = nn.ModuleList(_network(self.kept, hidden, latent) for _ in range(layers))
+
+    def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
+        """Latents to whitened raw quantities."""
+        value = latent
+        for order, network in zip(self.order, self.networks, strict=True):
+            kept, changed = value[:, order[: self.kept]], value[:, order[self.kept :]]
+            scale, shift = self._affine(network, kept)
+            value = torch.cat([kept, changed * scale.exp() + shift], dim=1)
+        return value
+
+    def inverse(
+        self, value: Float[Tensor, "strand latent"]
+    ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
+        """Whitened raw quantities to latents, and the logarithm of the volume change d latent / d value."""
+        log_volume = value.new_zeros(len(value))
+        for order, network in reversed(list(zip(self.order, self.networks, strict=True))):
+            kept, changed = value[:, : self.kept], value[:, self.kept :]
+            scale, shift = self._affine(network, kept)
+            mixed = torch.cat([kept, (changed - shift) * (-scale).exp()], dim=1)
+            value = mixed[:, torch.argsort(order)]
+            log_volume = log_volume - scale.sum(dim=1)
+        return value, log_volume
+
+    def _affine(
+        self, network: nn.Module, kept: Float[Tensor, "strand half"]
+    ) -> tuple[Float[Tensor, "strand half"], Float[Tensor, "strand half"]]:
+        scale, shift = network(kept).chunk(2, dim=1)
+        return STEEPEST * torch.tanh(scale / STEEPEST), shift
+
+
+def _network(taken: int, hidden: int, given: int) -> nn.Sequential:
+    """Two hidden layers, the last layer zero."""
+    last = nn.Linear(hidden, given)
+    nn.init.zeros_(last.weight)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(nn.Linear(taken, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), last)
+
+
+class MlpModulator(nn.Module):
+    """The paper's modulator: layers with SiLU, the latent concatenated again at each; added to the identity."""
+
+    def __init__(self, latent: int, hidden: int, layers: int) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList(
+            nn.Linear(latent if layer == 0 else hidden + latent, hidden) for layer in range(layers)
+        )
+        self.last = nn.Linear(hidden, latent)
+        nn.init.zeros_(self.last.weight)
+        nn.init.zeros_(self.last.bias)
+
+    def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
+        """Latents to raw quantities before the linear map."""
+        hidden = latent
+        for index, layer in enumerate(self.layers):
+            taken = latent if index == 0 else torch.cat([hidden, latent], dim=1)
+            hidden = torch.nn.functional.silu(layer(taken))
+        return latent + self.last(hidden)
