@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -107,7 +108,7 @@ def check_writable(path: Path, groom: Groom) -> None:
     build_groom(path, vertices, sizes, lambda name, row: f"row {row} of {name} to be written", attributes)
 
 
-def _first(mask: np.ndarray) -> int | None:
+def _first(mask: Any) -> int | None:
     """Index of the first true entry."""
     index = int(mask.argmax()) if len(mask) else 0
     return index if len(mask) and mask[index] else None
@@ -116,11 +117,11 @@ def _first(mask: np.ndarray) -> int | None:
 def _first_bad(values: np.ndarray) -> int | None:
     """First row with a number that is not finite or absurdly large."""
     with np.errstate(invalid="ignore"):
-        bad: np.ndarray = ~(np.abs(values) < LARGEST)
-    return _first(bad if values.ndim == 1 else bad.any(axis=1))
+        good = np.less(np.abs(values), LARGEST)
+    return _first(~good if values.ndim == 1 else np.logical_not(good).any(axis=1))
 
 
-def _words(row: np.ndarray) -> str:
+def _words(row: Any) -> str:
     return " ".join(f"{value:g}" for value in np.atleast_1d(row))
 
 

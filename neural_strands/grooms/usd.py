@@ -6,56 +6,67 @@ at the first point. Read from every BasisCurves prim of the stage, linear or cub
 sampled along the curve), through the transforms above it, metersPerUnit and upAxis, into metres, y up, +z front.
 """
 
-import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from neural_strands.grooms.checks import build_groom, read_bytes, refuse
 from neural_strands.grooms.groom import ATTRIBUTES, Groom
-from neural_strands.grooms.usd_curves import Curves, sampled
+from neural_strands.grooms.usd_worker import PRIMVARS, REFUSED, pxr_module
 
+LONGEST_READ = 600
+"""Seconds after which a stage is given up."""
 CRATE_HEADER = 24
 """Magic (8 bytes), version (8) and the offset of the table of contents (8) of a binary file."""
 
 
 def read_usd(path: Path) -> Groom:
-    """Read every curve of a USD stage.
+    """Read every curve of a USD stage, in a process of its own (see usd_worker).
 
     Raises:
         InputError: it is no stage, holds no curves, or its arrays disagree.
     """
     _check_container(path)
-    tf, usd, geometry, utilities = (_pxr(name) for name in ("Tf", "Usd", "UsdGeom", "UsdUtils"))
-    # While a delegate listens, the library prints nothing.
-    listener = utilities.CoalescingDiagnosticDelegate()
-    try:
-        stage = usd.Stage.Open(str(path), load=usd.Stage.LoadAll)
-        scale, up = geometry.GetStageMetersPerUnit(stage), str(geometry.GetStageUpAxis(stage))
-        if not 0 < scale < 1e6:
-            raise refuse(path, "byte 0 (metersPerUnit)", "a positive number", f"{scale:g}")
-        parts = [_curves(path, prim, scale, up) for prim in stage.Traverse() if prim.IsA(geometry.BasisCurves)]
-    except tf.ErrorException as error:
-        reason = str(error).strip().splitlines()[-1].strip()[:200]
-        raise refuse(path, "byte 0", "a USD stage", f"one that cannot be opened ({reason})") from error
-    finally:
-        listener.TakeUncoalescedDiagnostics()
-    if not parts:
-        raise refuse(path, "byte 0 (stage)", "BasisCurves", "none", "export hair as curves")
-    joined = {}
-    for name in ATTRIBUTES:
-        values = [part.attributes.get(name) for part in parts]
-        present = [value for value in values if value is not None]
-        joined[name] = np.concatenate(present) if len(present) == len(parts) else None
-    sizes = np.concatenate([part.sizes for part in parts])
-    vertices = np.concatenate([part.points for part in parts])
-    return build_groom(path, vertices, sizes, lambda name, row: f"byte 0 (curves, row {row} of {name})", joined)
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "arrays.npz"
+        command = [sys.executable, "-m", "neural_strands.grooms.usd_worker", str(path.absolute()), str(target)]
+        try:
+            done = subprocess.run(
+                command,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                stdin=subprocess.DEVNULL,
+                timeout=LONGEST_READ,
+                check=False,
+                env={**os.environ, "PXR_WORK_THREAD_LIMIT": "1"},
+            )
+        except subprocess.TimeoutExpired as error:
+            raise refuse(path, "byte 0", "a USD stage", f"one not read in {LONGEST_READ} s") from error
+        if done.returncode == REFUSED:
+            where, expected, found, advice = json.loads(done.stdout)
+            raise refuse(path, where, expected, found, advice)
+        if done.returncode != 0 or not target.is_file():
+            found = f"a damaged one, at which USD's library stopped (status {done.returncode})"
+            raise refuse(path, "byte 0", "a USD stage", found)
+        with np.load(target) as archive:
+            arrays = dict(archive)
+    attributes = {name: arrays.get(name) for name in ATTRIBUTES}
+
+    def locate(name: str, row: int) -> str:
+        """USD does not say where its arrays lie; the row is named."""
+        return f"byte 0 (curves, row {row} of {name})"
+
+    return build_groom(path, arrays["points"], arrays["sizes"], locate, attributes)
 
 
 def write_usd(path: Path, groom: Groom) -> None:
     """Write a stage with the curves `/hair/strands`; `.usda` is text, the others binary."""
-    sdf, usd, geometry, arrays = (_pxr(name) for name in ("Sdf", "Usd", "UsdGeom", "Vt"))
+    sdf, usd, geometry, arrays = (pxr_module(name) for name in ("Sdf", "Usd", "UsdGeom", "Vt"))
     layer = sdf.Layer.CreateAnonymous(".usda" if path.suffix.lower() == ".usda" else ".usdc")
     stage = usd.Stage.Open(layer)
     geometry.SetStageMetersPerUnit(stage, 1.0)
@@ -72,21 +83,14 @@ def write_usd(path: Path, groom: Groom) -> None:
         curves.CreateWidthsAttr(arrays.FloatArray.FromNumpy(groom.width.cpu().float().numpy()))
         curves.SetWidthsInterpolation(geometry.Tokens.vertex)
     primvars = geometry.PrimvarsAPI(curves)
-    kinds = {
-        "root_uv": ("st", sdf.ValueTypeNames.TexCoord2fArray, arrays.Vec2fArray),
-        "root_normal": ("rootNormal", sdf.ValueTypeNames.Normal3fArray, arrays.Vec3fArray),
-        "color": ("displayColor", sdf.ValueTypeNames.Color3fArray, arrays.Vec3fArray),
-    }
-    for name, (primvar, kind, array) in kinds.items():
+    names, kinds = sdf.ValueTypeNames, {"st": "TexCoord2fArray", "rootNormal": "Normal3fArray"}
+    for name, (primvar, channels) in PRIMVARS.items():
         if (value := getattr(groom, name)) is not None:
+            kind = getattr(names, kinds.get(primvar, "Color3fArray"))
+            array = arrays.Vec2fArray if channels == 2 else arrays.Vec3fArray
             added = primvars.CreatePrimvar(primvar, kind, geometry.Tokens.uniform)
             added.Set(array.FromNumpy(np.ascontiguousarray(value.cpu().float().numpy())))
     layer.Export(str(path))
-
-
-def _pxr(name: str) -> Any:
-    """Import a module of USD where it is used; its stubs name nothing."""
-    return importlib.import_module(f"pxr.{name}")
 
 
 def _check_container(path: Path) -> None:
@@ -104,52 +108,3 @@ def _check_container(path: Path) -> None:
     if len(data) < CRATE_HEADER or not CRATE_HEADER <= contents < len(data) - 8:
         found = f"{contents} in a file of {len(data)} bytes"
         raise refuse(path, "byte 16", "the table of contents inside the file", found, "it is truncated")
-
-
-def _curves(path: Path, prim: Any, scale: float, up: str) -> Curves:
-    """Read one prim into metres, y up.
-
-    Raises:
-        InputError: its arrays disagree, or it is closed.
-    """
-    usd, geometry = _pxr("Usd"), _pxr("UsdGeom")
-    curves = geometry.BasisCurves(prim)
-    place = f"byte 0 (prim {curves.GetPath()})"
-    time = usd.TimeCode.EarliestTime()
-    wrap, kind = str(curves.GetWrapAttr().Get()), str(curves.GetTypeAttr().Get())
-    basis = "linear" if kind == "linear" else str(curves.GetBasisAttr().Get())
-    points = np.array(curves.GetPointsAttr().Get(time) or [], dtype=np.float64).reshape(-1, 3)
-    sizes = np.array(curves.GetCurveVertexCountsAttr().Get(time) or [], dtype=np.int64)
-    if wrap == "periodic":
-        raise refuse(path, place, "open curves", "periodic ones", "export strands with a root and a tip")
-    if (sizes < 0).any() or int(sizes.sum()) != len(points):
-        raise refuse(path, place, f"curveVertexCounts that add up to {len(points)} points", str(int(sizes.sum())))
-    attributes: dict[str, np.ndarray] = {}
-    widths = np.array(curves.GetWidthsAttr().Get(time) or [], dtype=np.float64)
-    if len(widths) in (1, len(sizes)) and len(widths) != len(points):
-        widths = np.repeat(widths, sizes) if len(widths) == len(sizes) else np.full(len(points), widths[0])
-    if len(widths):
-        attributes["width"] = widths
-    primvars = geometry.PrimvarsAPI(prim)
-    for name, (primvar, channels) in {
-        "root_uv": ("st", 2),
-        "root_normal": ("rootNormal", 3),
-        "color": ("displayColor", 3),
-    }.items():
-        found = primvars.GetPrimvar(primvar)
-        values = found.ComputeFlattened(time) if found and found.HasValue() else None
-        if values is not None and np.shape(values) == (len(sizes), channels):
-            attributes[name] = np.array(values, dtype=np.float64)
-    read = sampled(path, place, Curves(points, sizes, attributes), basis, pinned=wrap == "pinned")
-    matrix = np.array(geometry.Xformable(prim).ComputeLocalToWorldTransform(time))
-    # USD's matrices act on row vectors. Blender's z up has its front along -y.
-    turn = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]) if up == "Z" else np.eye(3)
-    moved = dict(read.attributes)
-    if "root_normal" in moved and not np.array_equal(matrix, np.eye(4)):
-        normal = moved["root_normal"] @ np.linalg.pinv(matrix[:3, :3]).T
-        moved["root_normal"] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-    if "root_normal" in moved:
-        moved["root_normal"] = moved["root_normal"] @ turn
-    if "width" in moved:
-        moved["width"] = moved["width"] * (scale * np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
-    return Curves((read.points @ matrix[:3, :3] + matrix[3, :3]) @ turn * scale, read.sizes, moved)

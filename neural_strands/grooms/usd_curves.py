@@ -1,11 +1,8 @@
 """Cubic curves as polylines: the bases of USD's BasisCurves, evaluated at several points a segment."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-
-from neural_strands.grooms.checks import refuse
 
 SAMPLES = 4
 """Points a cubic segment."""
@@ -15,6 +12,13 @@ MATRICES = {
     "catmullRom": np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2.0,
 }
 """Rows: coefficients of 1, t, t^2, t^3; columns: the four control points (the public definition of each basis)."""
+
+
+class StageError(Exception):
+    """A stage that cannot be read as hair: where, what was expected, what was found, what to do."""
+
+    def __init__(self, where: str, expected: str, found: str, advice: str = "export it again") -> None:
+        super().__init__(where, expected, found, advice)
 
 
 @dataclass(frozen=True)
@@ -32,19 +36,19 @@ class Curves:
     attributes: dict[str, np.ndarray]
 
 
-def sampled(path: Path, place: str, curves: Curves, basis: str, pinned: bool) -> Curves:
+def sampled(place: str, curves: Curves, basis: str, pinned: bool) -> Curves:
     """Turn control points into points on the curves; linear ones are returned as they are.
 
     Pinned bspline and catmullRom curves reach their end points: a phantom point is added at each end
     (2 p0 - p1), as USD defines it.
 
     Raises:
-        InputError: an unknown basis, or numbers of points that it does not allow.
+        StageError: an unknown basis, or numbers of points that it does not allow.
     """
     if basis == "linear":
         return curves
     if basis not in MATRICES:
-        raise refuse(path, place, "the basis linear, bezier, bspline or catmullRom", basis)
+        raise StageError(place, "the basis linear, bezier, bspline or catmullRom", basis)
     width = curves.attributes.get("width")
     pinned = pinned and basis != "bezier"
     step = 3 if basis == "bezier" else 1
@@ -53,7 +57,7 @@ def sampled(path: Path, place: str, curves: Curves, basis: str, pinned: bool) ->
     if wrong.any():
         first = int(wrong.argmax())
         expected = f"a number of points that {basis} allows"
-        raise refuse(path, place, expected, f"curve {first} with {curves.sizes[first]}")
+        raise StageError(place, expected, f"curve {first} with {curves.sizes[first]}")
     segments = (curves.sizes - 1) // 3 if basis == "bezier" else curves.sizes - (1 if pinned else 3)
     varying = width is not None and len(width) == int((segments + 1).sum()) and len(width) != len(curves.points)
     values = curves.points
