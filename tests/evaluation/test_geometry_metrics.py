@@ -118,7 +118,7 @@ def test_consistency_equals_its_twin(generator):
         steps = torch.randn(count, 6, 3, generator=generator) * 1e-3 + torch.tensor([0, -2e-3, 0])
         return sample_strands(steps.cumsum(dim=1) + torch.rand(count, 1, 3, generator=generator) * 0.01, 1e-3)
 
-    predicted, truth = wander(60), wander(40)
+    predicted, truth = wander(30), wander(20)
     for threshold in THRESHOLDS:
         value = consistency(predicted, truth, threshold.distance, threshold.angle)
         assert value == pytest.approx(consistency_reference(predicted, truth, threshold.distance, threshold.angle))

@@ -1,0 +1,106 @@
+"""LPIPS v0.1 (Zhang et al. 2018): distance between images in the features of a trained trunk; differentiable."""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from neural_strands.evaluation.image_metrics import masked_mean
+from neural_strands.evaluation.lpips_trunks import LAYOUTS, Network, build_trunk
+from neural_strands.evaluation.lpips_weights import HEADS, TRUNKS, find_file, load_heads, load_trunk
+from neural_strands.foundation.errors import InputError
+
+SHIFT = (-0.030, -0.088, -0.188)
+"""Mean colour that the trunks were trained with, for images in [-1, 1]."""
+SCALE = (0.458, 0.448, 0.450)
+"""Standard deviation of colour that the trunks were trained with, for images in [-1, 1]."""
+TINY = 1e-10
+"""Added to the length of a feature vector before it is divided by it."""
+SMALLEST_SIDE = 32
+"""Pixels; of smaller images the deepest features would be of the padding."""
+
+
+class Lpips(nn.Module):
+    """The metric with its weights, frozen.
+
+    Attributes:
+        network: which trunk.
+    """
+
+    def __init__(self, network: Network, trunk: dict[str, Tensor], heads: Sequence[Tensor]) -> None:
+        """Take a trunk's state dict and the weight of each channel at each tap (see `lpips_weights`)."""
+        super().__init__()
+        self.network: Network = network
+        self.trunk = build_trunk(network)
+        self.trunk.load_state_dict(trunk)
+        self.heads = nn.ParameterList(heads)
+        self.register_buffer("shift", torch.tensor(SHIFT)[:, None, None], persistent=False)
+        self.register_buffer("scale", torch.tensor(SCALE)[:, None, None], persistent=False)
+        self.requires_grad_(False)
+        self.eval()
+
+    def forward(
+        self,
+        image: Float[Tensor, "*batch height width 3"],
+        reference: Float[Tensor, "*batch height width 3"],
+        mask: Float[Tensor, "*batch height width"] | None = None,
+    ) -> Float[Tensor, "*batch"]:
+        """Distance of images in [0, 1] (sRGB): 0 for equal ones.
+
+        With a mask, each tap's map of distances is averaged with the mask as weight, the mask brought to the map's
+        resolution by averaging over each of its cells; an empty mask gives NaN. Features near the mask's border see
+        a little of what lies outside it.
+
+        Raises:
+            ValueError: the image is smaller than 32 pixels.
+        """
+        if min(image.shape[-3:-1]) < SMALLEST_SIDE:
+            raise ValueError(f"LPIPS needs images of at least {SMALLEST_SIDE} pixels a side, came {tuple(image.shape)}")
+        batch = image.shape[:-3]
+        size = image.shape[-3:-1]
+        stacked = torch.stack([image, reference]).movedim(-1, -3).reshape(-1, 3, *size)
+        weights = None if mask is None else mask.reshape(-1, *size)
+        total = image.new_zeros(stacked.shape[0] // 2)
+        for features, head in zip(self.features(stacked), self.heads, strict=True):
+            unit = features / (features.square().sum(dim=1, keepdim=True).add(TINY**2).sqrt() + TINY)
+            a, b = unit.chunk(2)
+            distance = ((a - b).square() * head[:, None, None]).sum(dim=1)
+            if weights is None:
+                total = total + distance.mean(dim=(-2, -1))
+            else:
+                coarse = torch.nn.functional.adaptive_avg_pool2d(weights[:, None], distance.shape[-2:])[:, 0]
+                total = total + masked_mean(distance, coarse)
+        return total.reshape(batch)
+
+    def features(self, images: Float[Tensor, "batch 3 height width"]) -> list[Float[Tensor, "batch channel h w"]]:
+        """Features of images in [0, 1] at each tap."""
+        x = (2 * images - 1 - self.get_buffer("shift")) / self.get_buffer("scale")
+        taps = LAYOUTS[self.network].taps
+        found = []
+        for number, layer in enumerate(self.trunk):
+            x = layer(x)
+            if number in taps:
+                found.append(x)
+        return found
+
+    def train(self, mode: bool = True) -> "Lpips":
+        """Stay in evaluation mode: the metric never learns."""
+        del mode
+        return super().train(False)
+
+
+def find_lpips(
+    network: Network = "squeeze", device: torch.device | str = "cpu", fetch: bool = True
+) -> tuple[Lpips | None, str]:
+    """The metric, or None and one sentence that says why there is none.
+
+    Weights come from the folder named by NEURAL_STRANDS_WEIGHTS, from the user's cache, or (with `fetch`) once from
+    their official addresses into the cache.
+    """
+    try:
+        trunk = load_trunk(network, find_file(TRUNKS[network], fetch))
+        heads = load_heads(network, find_file(HEADS[network], fetch))
+    except InputError as error:
+        return None, f"LPIPS ({network}) is absent: {error}"
+    return Lpips(network, trunk, heads).to(device), ""

@@ -1,0 +1,154 @@
+"""Finding the published weights of LPIPS: in a folder, in the user's cache, or once from their official addresses.
+
+Nothing but tensors is ever unpickled, and what is fetched is kept only if its sha256 is the published one (the file
+names of torchvision's weights carry its first eight digits).
+"""
+
+import hashlib
+import os
+import pickle
+import urllib.error
+import urllib.request
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from neural_strands.evaluation.lpips_trunks import LAYOUTS, Network, build_trunk
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+
+FOLDER_VARIABLE = "NEURAL_STRANDS_WEIGHTS"
+"""Environment variable that names a folder of weights."""
+TIMEOUT = 20.0
+"""Seconds without an answer after which an address counts as not reachable."""
+HEADS_ADDRESS = (
+    "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
+    "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1"
+)
+TRUNKS_ADDRESS = "https://download.pytorch.org/models"
+
+
+@dataclass(frozen=True)
+class WeightFile:
+    """One published file.
+
+    Attributes:
+        names: names it may have in a folder; the first is the one it gets in the cache.
+        address: where it is published.
+        sha256: the digest in hexadecimal, or its first eight digits.
+    """
+
+    names: tuple[str, ...]
+    address: str
+    sha256: str
+
+
+TRUNKS: dict[Network, WeightFile] = {
+    "squeeze": WeightFile(
+        ("squeezenet1_1-b8a52dc0.pth", "squeeze.backbone.pth"),
+        f"{TRUNKS_ADDRESS}/squeezenet1_1-b8a52dc0.pth",
+        "b8a52dc0",
+    ),
+    "alex": WeightFile(
+        ("alexnet-owt-7be5be79.pth", "alex.backbone.pth"), f"{TRUNKS_ADDRESS}/alexnet-owt-7be5be79.pth", "7be5be79"
+    ),
+    "vgg": WeightFile(("vgg16-397923af.pth", "vgg.backbone.pth"), f"{TRUNKS_ADDRESS}/vgg16-397923af.pth", "397923af"),
+}
+HEADS: dict[Network, WeightFile] = {
+    "squeeze": WeightFile(
+        ("lin_squeeze_v0.1.pth", "squeeze.pth"),
+        f"{HEADS_ADDRESS}/squeeze.pth",
+        "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76",
+    ),
+    "alex": WeightFile(
+        ("lin_alex_v0.1.pth", "alex.pth"),
+        f"{HEADS_ADDRESS}/alex.pth",
+        "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
+    ),
+    "vgg": WeightFile(
+        ("lin_vgg_v0.1.pth", "vgg.pth"),
+        f"{HEADS_ADDRESS}/vgg.pth",
+        "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868",
+    ),
+}
+
+
+def cache_folder() -> Path:
+    """Where fetched weights are kept: the user's cache folder."""
+    root = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (Path(root) if root else Path.home() / ".cache") / "neural-strands"
+
+
+def find_file(file: WeightFile, fetch: bool = True) -> Path:
+    """The path of a weight file: in the folder of NEURAL_STRANDS_WEIGHTS, in the cache, or fetched into the cache.
+
+    Raises:
+        InputError: it is nowhere, and its address does not answer or gives something else.
+    """
+    named = os.environ.get(FOLDER_VARIABLE)
+    folders = [Path(named)] if named else []
+    for folder in [*folders, cache_folder()]:
+        for name in file.names:
+            if (folder / name).is_file():
+                return folder / name
+    remedy = f"set {FOLDER_VARIABLE} to a folder that holds it"
+    if not fetch:
+        raise InputError(f"{file.names[0]}: expected in a folder of weights, found in none; {remedy}.")
+    target = cache_folder() / file.names[0]
+    try:
+        with urllib.request.urlopen(file.address, timeout=TIMEOUT) as answer:
+            content = answer.read()
+    except (urllib.error.URLError, OSError, ValueError) as error:
+        raise InputError(
+            f"{file.names[0]}: not found, and {file.address} cannot be reached ({error}); {remedy}."
+        ) from error
+    digest = hashlib.sha256(content).hexdigest()
+    if not digest.startswith(file.sha256):
+        raise InputError(f"{file.address}: expected a file with sha256 {file.sha256}, came {digest}; {remedy}.")
+    with atomic_file(target) as temporary:
+        temporary.write_bytes(content)
+    return target
+
+
+def load_trunk(network: Network, path: Path) -> dict[str, Tensor]:
+    """Read a trunk's weights, with or without the prefix `features.`; the classifier and unused layers are dropped.
+
+    Raises:
+        InputError: the file holds other tensors, or anything but tensors.
+    """
+    stored = {name.removeprefix("features."): value for name, value in _load(path).items()}
+    return _chosen(path, stored, build_trunk(network).state_dict())
+
+
+def load_heads(network: Network, path: Path) -> list[Tensor]:
+    """Read the linear heads: one weight a channel for each tap, none negative.
+
+    Raises:
+        InputError: the file holds other tensors, or anything but tensors.
+    """
+    channels = LAYOUTS[network].channels
+    wanted = {f"lin{k}.model.1.weight": torch.zeros(1, count, 1, 1) for k, count in enumerate(channels)}
+    return [value.reshape(-1) for value in _chosen(path, _load(path), wanted).values()]
+
+
+def _load(path: Path) -> dict[str, Tensor]:
+    try:
+        stored = torch.load(path, map_location="cpu", weights_only=True)
+    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: expected a file of tensors, but it does not read as one ({type(error).__name__})."
+        ) from error
+    if not isinstance(stored, dict) or not all(isinstance(value, Tensor) for value in stored.values()):
+        raise InputError(f"{path}: expected a dictionary of tensors, came {type(stored).__name__}.")
+    return stored
+
+
+def _chosen(path: Path, stored: dict[str, Tensor], wanted: dict[str, Tensor]) -> dict[str, Tensor]:
+    for name, value in wanted.items():
+        if name not in stored or stored[name].shape != value.shape:
+            came = tuple(stored[name].shape) if name in stored else "none"
+            raise InputError(f"{path}: expected {name} of shape {tuple(value.shape)}, came {came}; take another file.")
+    return {name: stored[name].float() for name in wanted}
