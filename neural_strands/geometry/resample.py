@@ -1,15 +1,18 @@
 """Resampling of polylines by arc length along a spline through their points."""
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from scipy.interpolate import CubicSpline
 from torch import Tensor
 
+from neural_strands.geometry.spline import fit_splines
 from neural_strands.geometry.strands import segments
 
 MINIMUM_STEP = 1e-9
 """Chord (metres) added to every segment so that repeated points keep a strictly increasing parameter."""
+SUBSTEPS = 16
+"""Chords by which the arc length of each segment of a spline is measured."""
+BLOCK = 4096
+"""Strands resampled at once: bounds the memory."""
 
 
 def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
@@ -36,15 +39,16 @@ def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: in
 def resample_strands(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
     """Resample strands to `count` points equally spaced in arc length along a cubic spline through their points.
 
-    The spline has natural-like not-a-knot ends and is parametrised by chord length, so end points are kept.
+    The spline has chord-length knots and parabolic ends (see geometry.spline); its end points are kept.
+    Differentiable.
 
     Raises:
         ValueError: fewer than two points in or out.
     """
     if points.shape[1] < 3 or len(points) == 0:
         return resample_polyline_lengths(points, count)
-    dense = 8 * max(count, points.shape[1])
-    return resample_polyline_lengths(_spline(points, dense), count)
+    sizes = torch.full((len(points),), points.shape[1], dtype=torch.int64, device=points.device)
+    return _resample_padded(points, sizes, count)
 
 
 def resample_ragged(
@@ -56,23 +60,57 @@ def resample_ragged(
         vertices: the points of all strands, one strand after the other.
         offsets: where each strand starts, and the total at the end.
         count: points a strand wanted.
+
+    Raises:
+        ValueError: fewer than two points in or out.
     """
     sizes = offsets[1:] - offsets[:-1]
-    result = vertices.new_zeros(len(sizes), count, 3)
-    for size in torch.unique(sizes).tolist():
-        chosen = torch.nonzero(sizes == size).squeeze(1)
-        index = offsets[chosen, None] + torch.arange(size, device=offsets.device)
-        result[chosen] = resample_strands(vertices[index], count)
-    return result
+    if len(sizes) == 0:
+        return vertices.new_zeros(0, count, 3)
+    # Strands of like size share a block, so that little is padded.
+    order = torch.argsort(sizes)
+    parts = []
+    for chosen in order.split(BLOCK):
+        step = torch.arange(int(sizes[chosen].max()), device=offsets.device)
+        index = offsets[chosen, None] + torch.minimum(step, sizes[chosen, None] - 1)
+        parts.append(_resample_padded(vertices[index], sizes[chosen], count))
+    return torch.cat(parts)[torch.argsort(order)]
 
 
-def _spline(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
-    """Evaluate chord-length cubic splines at `count` parameters each."""
-    array = points.detach().cpu().double().numpy()
-    chord = np.linalg.norm(np.diff(array, axis=1), axis=-1) + MINIMUM_STEP
-    knots = np.concatenate([np.zeros((len(array), 1)), np.cumsum(chord, axis=1)], axis=1)
-    fractions = np.linspace(0.0, 1.0, count)
-    curves = np.stack(
-        [CubicSpline(knot, curve)(fractions * knot[-1]) for knot, curve in zip(knots, array, strict=True)]
-    )
-    return torch.from_numpy(curves).to(points)
+def _resample_padded(
+    points: Float[Tensor, "strand point 3"], sizes: Int64[Tensor, " strand"], count: int
+) -> Float[Tensor, "strand {count} 3"]:
+    """Resample the first `sizes` points of each row, a block of rows at a time."""
+    if count < 2 or int(sizes.min()) < 2:
+        raise ValueError(f"resampling needs at least two points, got {int(sizes.min())} in and {count} out")
+    parts = [
+        _resample_block(block.double(), size, count)
+        for block, size in zip(points.split(BLOCK), sizes.split(BLOCK), strict=True)
+    ]
+    return torch.cat(parts).to(points.dtype)
+
+
+def _resample_block(
+    points: Float[Tensor, "strand point 3"], sizes: Int64[Tensor, " strand"], count: int
+) -> Float[Tensor, "strand {count} 3"]:
+    """Points on the spline at equal steps of its arc length, which is measured on SUBSTEPS chords a segment."""
+    strands, size, _ = points.shape
+    splines = fit_splines(points, sizes)
+    position = torch.arange((size - 1) * SUBSTEPS + 1, dtype=points.dtype, device=points.device) / SUBSTEPS
+    segment = position.long().clamp(max=size - 2).expand(strands, -1)
+    # Beyond a strand's last point the samples repeat it, and the arc length stands still.
+    ended = position >= (sizes - 1)[:, None]
+    segment = torch.minimum(segment, (sizes - 2)[:, None])
+    fraction = torch.where(ended, 1.0, position - segment)
+    samples = splines.evaluate(segment, fraction)
+    arc = (samples[:, 1:] - samples[:, :-1]).norm(dim=-1).cumsum(dim=1)
+    arc = torch.cat([arc.new_zeros(strands, 1), arc], dim=1)
+    target = arc[:, -1:] * torch.linspace(0.0, 1.0, count, dtype=points.dtype, device=points.device)
+    final = (sizes - 1)[:, None] * SUBSTEPS
+    right = torch.searchsorted(arc.detach(), target.detach()).clamp(min=1)
+    right = torch.minimum(right, final)
+    left_arc, right_arc = arc.gather(1, right - 1), arc.gather(1, right)
+    weight = ((target - left_arc) / (right_arc - left_arc).clamp(min=1e-300)).clamp(0.0, 1.0)
+    place = (right - 1 + weight) / SUBSTEPS
+    segment = torch.minimum(place.detach().long(), (sizes - 2)[:, None])
+    return splines.evaluate(segment, place - segment)
