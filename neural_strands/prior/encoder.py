@@ -71,7 +71,7 @@ class StrandEncoder(nn.Module):
     def analysed(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
         """Latents of the closed-form analysis; gradients pass to the modulator, not through the analysis."""
         (generator,) = self._generator
-        return generator.latent(analyse(generator, points, self.config.refine))[0]
+        return generator.latent(analyse(generator, points, self.config.refine).flat())[0]
 
     def features(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand channel step"]:
         """Position and direction at each step, both free of scale, and the logarithm of the length."""

@@ -83,14 +83,14 @@ class StrandGenerator(nn.Module):
             ValueError: a latent of another size, or fewer than two points.
         """
         self._check(latent, points)
-        return synthesise(self.synthesiser, self.modulations(latent), points)
+        return synthesise(self.synthesiser, self.modulations(self.raw(latent)), points)
 
     def reference(
         self, latent: Float[Tensor, "strand latent"], points: int = 100
     ) -> Float[Tensor, "strand {points} 3"]:
         """The same strands by the plain path, to which the fast one is held."""
         self._check(latent, points)
-        return self.synthesiser(self.modulations(latent), points)
+        return self.synthesiser(self.modulations(self.raw(latent)), points)
 
     def raw(self, latent: Float[Tensor, "strand latent"]) -> Raw:
         """The modulator and its linear map: quantities with a meaning."""
@@ -107,26 +107,27 @@ class StrandGenerator(nn.Module):
             smooth.unflatten(1, (3, inner.smooth)),
         )
 
-    def latent(self, raw: Raw) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
-        """Inverse of `raw` and its log volume change (up to the constant of the linear map).
+    def latent(
+        self, raw: Float[Tensor, "strand raw"]
+    ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
+        """Inverse of `raw` (given flat), and its log volume change up to the constant of the linear map.
 
         Raises:
             ValueError: the modulator is the paper's MLP, which has no inverse.
         """
         if not isinstance(self.modulator, CouplingModulator):
             raise ValueError("only a generator with a coupling modulator can be inverted")
-        white = torch.linalg.solve(self.linear.weight, (raw.flat() - self.linear.bias).T).T
+        white = torch.linalg.solve(self.linear.weight, (raw - self.linear.bias).T).T
         return self.modulator.inverse(white)
 
-    def modulations(self, latent: Float[Tensor, "strand latent"]) -> Modulations:
+    def modulations(self, raw: Raw) -> Modulations:
         """Amplitudes, frequencies and phases of the sine layers."""
-        raw = self.raw(latent)
         layer = self.synthesiser
         if self.config.synthesiser.modulation == "all":
             frequency = between(raw.frequency, *self.frequency_bounds())[:, None] + layer.unit_frequency
             warp = raw.warp
         else:
-            frequency = self.fixed_frequencies().expand(len(latent), -1)
+            frequency = self.fixed_frequencies().expand(len(raw.length), -1)
             warp = torch.zeros_like(raw.warp)
         gain = LARGEST_GAIN * raw.gain.sigmoid()
         return Modulations(

@@ -23,9 +23,14 @@ class CouplingModulator(nn.Module):
             raise ValueError(f"coupling layers need an even latent, got {latent}")
         self.kept = latent // 2
         order = torch.Generator().manual_seed(0)
-        halves = [torch.randperm(latent, generator=order) for _ in range(layers)]
+        orders = [torch.randperm(latent, generator=order) for _ in range(layers)]
+        total = torch.arange(latent)
+        for each in orders:
+            total = total[each]
         self.order: Int64[Tensor, "layer latent"]
-        self.register_buffer("order", torch.stack(halves))
+        self.restore: Int64[Tensor, " latent"]
+        self.register_buffer("order", torch.stack(orders))
+        self.register_buffer("restore", torch.argsort(total))
         self.networks = nn.ModuleList(_network(self.kept, hidden, latent) for _ in range(layers))
 
     def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
@@ -35,13 +40,14 @@ class CouplingModulator(nn.Module):
             kept, changed = value[:, order[: self.kept]], value[:, order[self.kept :]]
             scale, shift = self._affine(network, kept)
             value = torch.cat([kept, changed * scale.exp() + shift], dim=1)
-        return value
+        return value[:, self.restore]
 
     def inverse(
         self, value: Float[Tensor, "strand latent"]
     ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
         """Whitened raw quantities to latents, and the logarithm of the volume change d latent / d value."""
         log_volume = value.new_zeros(len(value))
+        value = value[:, torch.argsort(self.restore)]
         for order, network in reversed(list(zip(self.order, self.networks, strict=True))):
             kept, changed = value[:, : self.kept], value[:, self.kept :]
             scale, shift = self._affine(network, kept)

@@ -10,11 +10,7 @@ from neural_strands.prior.generator import StrandGenerator
 
 @torch.no_grad()
 def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand point 3"], refine: int = 1) -> None:
-    """Set the smooth functions to the principal ones of the curves, and the linear map so that their latents are white.
-
-    White means zero mean and unit covariance, so that a sample of N(0, I) has the curves' lengths, curls and bends. The
-    map is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the next one the gain
-    given the length, then frequency, chirp, curl and bends.
+    """Set the smooth functions to the principal ones of the curves, and whiten the latents over them.
 
     Raises:
         ValueError: the latent has another size than the raw quantities.
@@ -25,8 +21,17 @@ def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand 
             f"got {generator.config.latent}"
         )
     generator.synthesiser.smooth_mix.copy_(principal_functions(generator.synthesiser, curves))
-    raw = analyse(generator, curves, refine).flat()
-    mean, factor = whitening(raw)
+    white_from_curves(generator, curves, refine)
+
+
+@torch.no_grad()
+def white_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand point 3"], refine: int = 1) -> None:
+    """Set the linear map so that the curves' latents have zero mean and unit covariance (before the modulator's part).
+
+    The map is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the next one the
+    gain given the length, then frequency, chirp, curl and bends.
+    """
+    mean, factor = whitening(analyse(generator, curves, refine).flat())
     generator.linear.weight.copy_(factor)
     generator.linear.bias.copy_(mean)
 

@@ -1,0 +1,51 @@
+"""Losses of the strand prior (paper, "Training / Strand Generator"), and the errors that its reports give."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.geometry.strands import lengths, segments
+
+SLOPE_WEIGHT = 0.03
+"""Weight of an error in dp/dt against one in position in `relative_loss`, as in the closed-form analysis."""
+
+
+def paper_loss(
+    decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], direction_weight: float
+) -> Float[Tensor, ""]:
+    """Data term of the paper: sum over points of the squared distance (metres) and of 1 - cosine, mean over strands."""
+    squared = (decoded - true).square().sum(dim=(1, 2))
+    cosine = torch.nn.functional.cosine_similarity(segments(decoded), segments(true), dim=-1, eps=1e-12)
+    return (squared + direction_weight * (1 - cosine).sum(dim=1)).mean()
+
+
+def relative_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:
+    """Root mean square error of positions and slopes in strand lengths, mean over strands.
+
+    The root makes it robust (an L1 norm over strands); the division lets short hair count as much as long hair.
+    """
+    error = (decoded - true) / lengths(true)[:, None, None]
+    slope = segments(error) * (true.shape[1] - 1)
+    squared = error.square().sum(dim=(1, 2)) + SLOPE_WEIGHT**2 * slope.square().sum(dim=(1, 2))
+    return (squared / true.shape[1] + 1e-12).sqrt().mean()
+
+
+def kl_divergence(
+    mean: Float[Tensor, "strand latent"], log_std: Float[Tensor, "strand latent"], free_bits: float = 0.0
+) -> Float[Tensor, ""]:
+    """KL divergence of N(mean, std) from N(0, I), summed over the latent, mean over strands; at least `free_bits` each."""
+    each = 0.5 * (mean.square() + (2 * log_std).exp() - 1) - log_std
+    return each.mean(dim=0).clamp(min=free_bits).sum()
+
+
+def gaussian_likelihood(
+    latent: Float[Tensor, "strand latent"], log_volume: Float[Tensor, " strand"]
+) -> Float[Tensor, ""]:
+    """Negative log likelihood of invertible latents under N(0, I), nats a latent (up to the linear map's constant).
+
+    It is what the KL term tends to as the posterior narrows to its mean.
+    """
+    total = 0.5 * (latent.square() + math.log(2 * math.pi)).sum(dim=1) - log_volume
+    return total.mean() / latent.shape[1]
