@@ -1,4 +1,4 @@
-"""The ragged struct: lengths, resampling, transforms."""
+"""grooms.groom, the ragged struct: lengths, resampling, transforms."""
 
 import pytest
 import torch

@@ -1,0 +1,67 @@
+"""Files are whole or absent."""
+
+from pathlib import Path
+
+import pytest
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file, atomic_folder
+
+
+def test_file_appears_whole_and_replaces(tmp_path: Path):
+    target = tmp_path / "deep" / "a.txt"
+    for content in ("first", "second"):
+        with atomic_file(target) as temporary:
+            assert temporary.suffix == ".txt"
+            assert temporary.parent == target.parent
+            temporary.write_text(content)
+            assert not target.exists() or target.read_text() == "first"
+        assert target.read_text() == content
+    assert [path.name for path in target.parent.iterdir()] == ["a.txt"]
+
+
+def test_failed_file_leaves_the_old_one(tmp_path: Path):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+    with pytest.raises(KeyError), atomic_file(target) as temporary:  # noqa: PT012
+        temporary.write_text("half")
+        raise KeyError
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_file_under_a_file_is_an_input_error(tmp_path: Path):
+    (tmp_path / "a").write_text("")
+    with pytest.raises(InputError, match="cannot be written"), atomic_file(tmp_path / "a" / "b.txt"):
+        pass
+
+
+def test_user_errors_pass_through_unchanged(tmp_path: Path):
+    with pytest.raises(InputError, match=r"^mine$"), atomic_file(tmp_path / "a"):
+        raise InputError("mine")
+
+
+def test_folder_replaces_whole(tmp_path: Path):
+    target = tmp_path / "out"
+    for name in ("one", "two"):
+        with atomic_folder(target) as temporary:
+            (temporary / name).write_text(name)
+    assert [path.name for path in target.iterdir()] == ["two"]
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_failed_folder_leaves_the_old_one(tmp_path: Path):
+    target = tmp_path / "out"
+    target.mkdir()
+    (target / "old").write_text("old")
+    with pytest.raises(KeyError), atomic_folder(target) as temporary:  # noqa: PT012
+        (temporary / "half").write_text("half")
+        raise KeyError
+    assert [path.name for path in target.iterdir()] == ["old"]
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_folder_under_a_file_is_an_input_error(tmp_path: Path):
+    (tmp_path / "a").write_text("")
+    with pytest.raises(InputError, match="cannot be written"), atomic_folder(tmp_path / "a" / "b"):
+        pass
