@@ -107,7 +107,8 @@ def _closest_on_triangles(
 
     The best of the plane's foot (where it lies inside) and the three edges.
     """
-    inside = barycentric_coordinates(points, corners)
+    pairs = torch.broadcast_shapes(points.shape[:2], corners.shape[:2])
+    inside = barycentric_coordinates(points.expand(*pairs, 3), corners.expand(*pairs, 3, 3))
     choices = [torch.where((inside >= 0).all(dim=-1, keepdim=True), inside, torch.inf)]
     for first in range(3):
         second = (first + 1) % 3

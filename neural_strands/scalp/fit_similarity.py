@@ -1,0 +1,162 @@
+"""Fitting a template head to given roots: scale, rotation and translation by iterated closest points.
+
+Grooms often come without their head, in any unit and with any axis up. Both ways of matching are used at once (roots to
+the scalp, scalp to the roots): one way alone lets the scale run away.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.spatial import KDTree
+from torch import Tensor
+
+from neural_strands.geometry.closest import MeshIndex
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.roots import sample_roots
+
+COARSE_POINTS = 300
+FINE_POINTS = 2000
+COARSE_ROUNDS = 30
+FINE_ROUNDS = 60
+FINALISTS = 3
+"""Starts, of the 24 axis-aligned ones, that are refined."""
+
+ROOT_TRIM = 0.1
+"""Share of the roots farthest from the scalp that is left out: strays."""
+
+SCALP_TRIM = 0.35
+"""Share of the scalp farthest from any root that is left out: grooms need not cover all of it."""
+
+SCALP_WEIGHT = 0.5
+"""Weight of the scalp's matches against the roots'."""
+
+SETTLED = 1e-6
+"""Relative change of the residual at which it stops."""
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x -> scale * rotation @ x + translation.
+
+    Attributes:
+        scale: positive factor.
+        rotation: proper rotation.
+        translation: in the target's unit.
+        residual: root mean square distance of the matches kept, in the target's unit; 0 if not fitted.
+    """
+
+    scale: float
+    rotation: Float[Tensor, "3 3"]
+    translation: Float[Tensor, "3"]
+    residual: float = 0.0
+
+    def apply(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Transform points."""
+        return self.scale * points @ self.rotation.T.to(points) + self.translation.to(points)
+
+    def inverse(self) -> "Similarity":
+        """The transform back."""
+        back = -(self.rotation.T @ self.translation) / self.scale
+        return Similarity(1.0 / self.scale, self.rotation.T, back, self.residual / self.scale)
+
+
+def fit_head_to_roots(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Head:
+    """The head moved, turned and scaled so that its scalp lies on the given roots (see `fit_similarity`)."""
+    fit = fit_similarity(head, root_positions, any_axes)
+    return head.transformed(fit.scale, fit.rotation, fit.translation)
+
+
+def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Similarity:
+    """The similarity that takes the head's scalp to given roots.
+
+    Args:
+        head: template.
+        root_positions: roots all over a scalp, in any unit; at least ten.
+        any_axes: try all 24 axis-aligned turns; otherwise the roots are taken to be y up, +z out of the face.
+
+    Raises:
+        ValueError: fewer than ten roots.
+    """
+    if len(root_positions) < 10:
+        raise ValueError(f"a similarity fit needs at least ten roots, got {len(root_positions)}")
+    roots = root_positions.detach().cpu().double().numpy()
+    # A generator of its own, always seeded alike: the fit of the same input is the same.
+    scalp = sample_roots(head.to("cpu"), FINE_POINTS, torch.Generator().manual_seed(0)).position.double().numpy()
+    index = MeshIndex(head.to("cpu").scalp_mesh)
+    turns = _axis_rotations() if any_axes else [np.eye(3)]
+    coarse = (scalp[:COARSE_POINTS], _spread(roots, COARSE_POINTS))
+    trials = [_iterate(_start(turn, scalp, roots), index, *coarse, COARSE_ROUNDS) for turn in turns]
+    best = sorted(trials, key=lambda trial: trial.residual / trial.scale)[:FINALISTS]
+    fine = (scalp, _spread(roots, FINE_POINTS))
+    return min((_iterate(trial, index, *fine, FINE_ROUNDS) for trial in best), key=lambda trial: trial.residual / trial.scale)
+
+
+def umeyama(
+    source: Float[np.ndarray, "point 3"], target: Float[np.ndarray, "point 3"], weights: Float[np.ndarray, " point"]
+) -> Similarity:
+    """Least-squares similarity between matched points (Umeyama 1991), its scale the ratio of the two spreads (Horn 1987).
+
+    The ratio treats source and target alike, where least squares would shrink under noise.
+    """
+    weights = weights / weights.sum()
+    source_mean, target_mean = weights @ source, weights @ target
+    x, y = source - source_mean, target - target_mean
+    u, _, vt = np.linalg.svd((y * weights[:, None]).T @ x)
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ flip @ vt
+    scale = float(np.sqrt((weights @ (y**2).sum(axis=1)) / (weights @ (x**2).sum(axis=1))))
+    translation = target_mean - scale * rotation @ source_mean
+    return Similarity(scale, torch.from_numpy(rotation), torch.from_numpy(translation))
+
+
+def _iterate(start: Similarity, index: MeshIndex, scalp: np.ndarray, roots: np.ndarray, rounds: int) -> Similarity:
+    """Match and solve, in turns."""
+    tree, fit, previous = KDTree(roots), start, np.inf
+    for _ in range(rounds):
+        in_head = fit.inverse().apply(torch.from_numpy(roots)).float()
+        on_scalp = index.closest(in_head)
+        back_gap = on_scalp.distance.double().numpy() * fit.scale
+        gap, match = tree.query(fit.apply(torch.from_numpy(scalp)).numpy())
+        kept, back_kept = _kept(gap, SCALP_TRIM), _kept(back_gap, ROOT_TRIM)
+        source = np.concatenate([scalp[kept], on_scalp.position.double().numpy()[back_kept]])
+        target = np.concatenate([roots[match[kept]], roots[back_kept]])
+        weights = np.concatenate([np.full(kept.sum(), SCALP_WEIGHT / kept.sum()), np.full(back_kept.sum(), 1.0 / back_kept.sum())])
+        offset = fit.apply(torch.from_numpy(source)).numpy() - target
+        residual = float(np.sqrt(weights @ (offset**2).sum(axis=1) / weights.sum()))
+        solved = umeyama(source, target, weights)
+        fit = Similarity(solved.scale, solved.rotation, solved.translation, residual)
+        if abs(previous - residual) < SETTLED * residual:
+            break
+        previous = residual
+    return fit
+
+
+def _kept(gap: np.ndarray, trim: float) -> np.ndarray:
+    return gap <= np.quantile(gap, 1.0 - trim)
+
+
+def _start(turn: np.ndarray, scalp: np.ndarray, roots: np.ndarray) -> Similarity:
+    """Centres and spreads made equal after a turn."""
+    scale = float(np.sqrt(roots.var(axis=0).sum() / scalp.var(axis=0).sum()))
+    translation = roots.mean(axis=0) - scale * turn @ scalp.mean(axis=0)
+    return Similarity(scale, torch.from_numpy(turn), torch.from_numpy(translation))
+
+
+def _axis_rotations() -> list[np.ndarray]:
+    """The 24 rotations that permute the axes."""
+    rotations = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            if np.linalg.det(matrix) > 0:
+                rotations.append(matrix)
+    return rotations
+
+
+def _spread(points: np.ndarray, count: int) -> np.ndarray:
+    """At most `count` points, taken evenly from the list."""
+    return points[np.linspace(0, len(points) - 1, min(count, len(points))).round().astype(int)]
