@@ -1,17 +1,28 @@
-"""The synthesiser evaluated in blocks of strands that stay in the processor's cache.
+"""Decoding in blocks of strands that stay in the processor's cache.
 
-The backward pass computes each block again instead of keeping its sines, so memory does not grow with the strands.
+Every strand is decoded alone, so blocks give the same values and gradients as decoding all at once
+(`StrandGenerator.reference`, to which this is held); they only keep the sines of a block out of main memory.
 """
 
+from collections.abc import Callable
+
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.prior.synthesiser import Modulations, Synthesiser
-
-BLOCK = 512
-"""Strands a block on a CPU; on CUDA the plain path is used."""
+BLOCK = 1024
+"""Strands a block on a CPU."""
 
 
-def synthesise(synthesiser: Synthesiser, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
-    """Same values and gradients as `synthesiser(modulations, points)`."""
-    return synthesiser(modulations, points)
+def in_blocks(
+    decode: Callable[[Tensor, int], Tensor], latent: Float[Tensor, "strand latent"], points: int
+) -> Float[Tensor, "strand {points} 3"]:
+    """Decode by blocks on a CPU, at once elsewhere."""
+    if latent.device.type != "cpu" or len(latent) <= BLOCK:
+        return decode(latent, points)
+    if torch.is_grad_enabled():
+        return torch.cat([decode(block, points) for block in latent.split(BLOCK)])
+    strands = latent.new_zeros(len(latent), points, 3)
+    for source, target in zip(latent.split(BLOCK), strands.split(BLOCK), strict=True):
+        target.copy_(decode(source, points))
+    return strands

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from neural_strands.prior.fast import synthesise
+from neural_strands.prior.fast import in_blocks
 from neural_strands.prior.modulator import CouplingModulator, MlpModulator
 from neural_strands.prior.synthesiser import Modulations, Synthesiser, SynthesiserConfig
 
@@ -77,19 +77,18 @@ class StrandGenerator(nn.Module):
         self.synthesiser = Synthesiser(inner)
 
     def forward(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
-        """Decode strands to `points` points each, by the fast path.
+        """Decode strands to `points` points each, in blocks that stay in the processor's cache.
 
         Raises:
             ValueError: a latent of another size, or fewer than two points.
         """
         self._check(latent, points)
-        return synthesise(self.synthesiser, self.modulations(self.raw(latent)), points)
+        return in_blocks(self.reference, latent, points)
 
     def reference(
         self, latent: Float[Tensor, "strand latent"], points: int = 100
     ) -> Float[Tensor, "strand {points} 3"]:
-        """The same strands by the plain path, to which the fast one is held."""
-        self._check(latent, points)
+        """The same strands, all at once."""
         return self.synthesiser(self.modulations(self.raw(latent)), points)
 
     def raw(self, latent: Float[Tensor, "strand latent"]) -> Raw:

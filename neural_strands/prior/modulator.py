@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
-STEEPEST = 1.5
+STEEPEST = 2.0
 """Bound of the logarithm of a coupling layer's scale: keeps the map from latent to strand well conditioned."""
 
 
@@ -35,32 +35,40 @@ class CouplingModulator(nn.Module):
 
     def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
         """Latents to whitened raw quantities."""
-        value = latent
+        # One row a channel: picking channels then copies whole rows.
+        value = latent.T
         for order, network in zip(self.order, self.networks, strict=True):
-            kept, changed = value[:, order[: self.kept]], value[:, order[self.kept :]]
-            scale, shift = self._affine(network, kept)
-            value = torch.cat([kept, changed * scale.exp() + shift], dim=1)
-        return value[:, self.restore]
+            value = value[order]
+            kept, changed = value.split(self.kept)
+            scale, shift = _affine(network, kept)
+            value = torch.cat([kept, changed * scale.exp() + shift])
+        return value[self.restore].T
 
     def inverse(
         self, value: Float[Tensor, "strand latent"]
     ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
         """Whitened raw quantities to latents, and the logarithm of the volume change d latent / d value."""
         log_volume = value.new_zeros(len(value))
-        value = value[:, torch.argsort(self.restore)]
+        value = value.T[torch.argsort(self.restore)]
         for order, network in reversed(list(zip(self.order, self.networks, strict=True))):
-            kept, changed = value[:, : self.kept], value[:, self.kept :]
-            scale, shift = self._affine(network, kept)
-            mixed = torch.cat([kept, (changed - shift) * (-scale).exp()], dim=1)
-            value = mixed[:, torch.argsort(order)]
-            log_volume = log_volume - scale.sum(dim=1)
-        return value, log_volume
+            kept, changed = value.split(self.kept)
+            scale, shift = _affine(network, kept)
+            value = torch.cat([kept, (changed - shift) * (-scale).exp()])[torch.argsort(order)]
+            log_volume = log_volume - scale.sum(dim=0)
+        return value.T, log_volume
 
-    def _affine(
-        self, network: nn.Module, kept: Float[Tensor, "strand half"]
-    ) -> tuple[Float[Tensor, "strand half"], Float[Tensor, "strand half"]]:
-        scale, shift = network(kept).chunk(2, dim=1)
-        return STEEPEST * torch.tanh(scale / STEEPEST), shift
+
+def _affine(
+    network: nn.Module, kept: Float[Tensor, "kept strand"]
+) -> tuple[Float[Tensor, "changed strand"], Float[Tensor, "changed strand"]]:
+    """Log scale, softly bounded by `STEEPEST`, and shift that the network makes of the channels kept."""
+    hidden = kept
+    for layer in network.children():
+        hidden = (
+            torch.addmm(layer.bias[:, None], layer.weight, hidden) if isinstance(layer, nn.Linear) else layer(hidden)
+        )
+    scale, shift = hidden.chunk(2)
+    return scale / (1 + scale.abs() / STEEPEST), shift
 
 
 def _network(taken: int, hidden: int, given: int) -> nn.Sequential:

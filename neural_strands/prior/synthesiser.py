@@ -89,7 +89,7 @@ class Synthesiser(nn.Module):
         self.unit_phase = nn.Parameter(torch.tensor([0.0, math.pi / 2]).repeat(config.sidebands))
 
     def forward(self, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
-        """Strands in local metres, the root at 0 (the plain path; `fast.synthesise` is held to it)."""
+        """Strands in local metres, the root at 0."""
         return positions(self.steps(modulations, points), self.config.output)
 
     def steps(self, modulations: Modulations, points: int) -> Float[Tensor, "strand 3 step"]:
