@@ -13,7 +13,9 @@ COMMANDS = {
     "info": "neural_strands.cli.info:Info",
     "synthesize": "neural_strands.cli.synthesize:Synthesize",
     "convert": "neural_strands.cli.convert:Convert",
+    "check": "neural_strands.cli.check:Check",
     "score": "neural_strands.cli.score:Score",
+    "lmvs": "neural_strands.cli.lmvs:Lmvs",
 }
 """Each verb and the dataclass that holds its arguments."""
 

@@ -1,0 +1,87 @@
+"""`neural-strands lmvs`: line segments of the hair from a capture's photographs."""
+
+import json as json_module
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from neural_strands.cli.device import seeded
+from neural_strands.foundation.progress import track
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from neural_strands.capture.capture import Capture
+    from neural_strands.lmvs.views import View
+
+
+@dataclass(frozen=True)
+class Lmvs:
+    """Reconstruct 3D line segments of the hair, with a growth direction, from a capture.
+
+    Writes OUT/segments.npz, OUT/segments.ply (MeshLab, Blender) and pictures in OUT/report. A stopped run goes on where
+    it stopped when the same command is given again.
+    """
+
+    capture: Annotated[Path, tyro.conf.Positional]
+    """Folder of the capture: images, calibration, and, if there are any, hair masks and a head."""
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the results."""
+    strokes: Path | None = None
+    """Polylines drawn from root to tip that override the growth direction: JSON, a list of {"points": [[x, y, z], ...]}
+    in world metres or {"view": NAME, "points": [[x, y], ...]} in pixels of a view."""
+    views: tuple[int, ...] | None = None
+    """Only these photographs, counted from 0. Default: all."""
+    seed: int = 0
+    """Of every random choice."""
+    json: bool = False
+    """Print one JSON object instead of a sentence."""
+
+    def run(self) -> None:
+        """Reconstruct, orient, write."""
+        from neural_strands.capture.capture import Capture
+        from neural_strands.lmvs.files import save_segments
+        from neural_strands.lmvs.growth import GrowthConfig, orient_segments
+        from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+
+        begin = time.perf_counter()
+        capture = Capture.load(self.capture)
+        if self.views is not None:
+            capture = capture.subset(self.views)
+        views = capture_views(capture)
+        segments = reconstruct(views, capture.head, LmvsConfig(), seeded(self.seed), self.out / "work", track)
+        segments = orient_segments(segments, capture.head, [], GrowthConfig())
+        for suffix in ("npz", "ply"):
+            save_segments(self.out / f"segments.{suffix}", segments)
+        result = {
+            "points": len(segments),
+            "segments": segments.segment_count,
+            "seconds": round(time.perf_counter() - begin, 1),
+            "file": str(self.out / "segments.npz"),
+        }
+        if self.json:
+            sys.stdout.write(json_module.dumps(result) + "\n")
+        else:
+            sys.stdout.write("{segments} segments, {points} points, {seconds} s: {file}\n".format(**result))
+
+
+def capture_views(capture: "Capture") -> "list[View]":
+    """The capture's photographs as line-based stereo takes them: nothing is read before its turn."""
+    from neural_strands.lmvs.views import View
+
+    masked = [view.hair_mask_path is not None for view in capture.views]
+
+    def mask(index: int) -> "Tensor":
+        found = capture.hair_mask(index)
+        assert found is not None
+        return found
+
+    return [
+        View(camera, partial(capture.image, i), partial(mask, i) if masked[i] else None)
+        for i, camera in enumerate(capture.cameras)
+    ]

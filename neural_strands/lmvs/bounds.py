@@ -1,0 +1,171 @@
+"""Where along each ray hair can be: the hull of the masks, cut by the head."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation import kernels
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs import hull_kernels
+
+NOTHING = 1e9
+"""Distance (metres) of a ray that meets no head."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """The part of the world where hair is looked for.
+
+    Attributes:
+        centre: of a sphere, metres.
+        radius: of the sphere, metres.
+    """
+
+    centre: Float[Tensor, "3"]
+    radius: float
+
+
+@dataclass(frozen=True)
+class Hull:
+    """A volume carved by masks, smoothed.
+
+    Attributes:
+        grid: occupancy in [0, 1] at the nodes.
+        origin: position of node (0, 0, 0), metres.
+        voxel: distance of nodes, metres.
+    """
+
+    grid: Float[Tensor, "x y z"]
+    origin: Float[Tensor, "3"]
+    voxel: float
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a ray may look at.
+
+    Attributes:
+        near: distance from the camera's centre to the hull, metres; negative where the ray misses it.
+        far: where the search ends, metres.
+        normal: outward unit normal of the hull, turned a little towards the camera.
+    """
+
+    near: Float[Tensor, " pixel"]
+    far: Float[Tensor, " pixel"]
+    normal: Float[Tensor, "pixel 3"]
+
+    def select(self, keep: Tensor) -> "Bounds":
+        """Keep the rays that a boolean or integer index names."""
+        return Bounds(self.near[keep], self.far[keep], self.normal[keep])
+
+
+def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> Region:
+    """Sphere about the point that the optical axes through the hair come closest to, as large as the hair is seen.
+
+    Args:
+        cameras: at least two.
+        hairs: per camera, the pixels (x, y) between which hair is seen: left, top, right, bottom.
+    """
+    system, right = torch.zeros(3, 3), torch.zeros(3)
+    for camera, box in zip(cameras, hairs, strict=True):
+        axis = camera.rays(0.5 * (box[:2] + box[2:]))
+        project = torch.eye(3) - axis[:, None] * axis
+        system += project
+        right += project @ camera.position
+    centre = torch.linalg.solve(system, right)
+    radius = []
+    for camera, box in zip(cameras, hairs, strict=True):
+        distance = float((camera.position - centre).norm())
+        radius.append(camera.footprint(distance) * 0.5 * float((box[2:] - box[:2]).norm()))
+    return Region(centre, 1.05 * max(radius))
+
+
+def head_map(camera: Camera, mesh: wp.Mesh | None) -> Float[Tensor, "height width"]:
+    """Distance from the camera's centre to the head along each pixel's ray."""
+    count = camera.width * camera.height
+    distance = torch.full((count,), NOTHING, device=camera.intrinsics.device)
+    if mesh is not None:
+        rays = camera.rays(camera.pixel_centres()).reshape(-1, 3)
+        inputs = [mesh.id, wp.vec3(*camera.position.tolist()), kernels.array(rays, wp.vec3), kernels.array(distance)]
+        kernels.launch_split(hull_kernels.head_distance, count, inputs, distance.device)
+    return distance.reshape(camera.height, camera.width)
+
+
+def warp_mesh(mesh: Mesh) -> wp.Mesh:
+    """The head's triangles in a hierarchy for ray queries."""
+    kernels.start_warp()
+    faces = mesh.faces.to(torch.int32).reshape(-1)
+    return wp.Mesh(points=kernels.array(mesh.vertices, wp.vec3), indices=kernels.array(faces))
+
+
+class Carver:
+    """Carves a box of voxels view by view, so that only one mask is in memory at a time."""
+
+    def __init__(self, region: Region, voxel: float, views: int, most: int = 12_000_000) -> None:
+        """Fill the box about the region; `voxel` (metres) grows until there are at most `most` voxels."""
+        self.voxel = max(min(voxel, region.radius / 64), 2 * region.radius / most ** (1 / 3))
+        self.nodes = math.ceil(2 * region.radius / self.voxel) + 1
+        self.origin = region.centre - region.radius
+        steps = torch.arange(self.nodes, device=region.centre.device) * self.voxel
+        self.points = (
+            torch.stack(torch.meshgrid(steps, steps, steps, indexing="ij"), dim=-1).reshape(-1, 3) + self.origin
+        )
+        inside = (self.points - region.centre).norm(dim=-1) < region.radius
+        self.kept = torch.where(inside, views, 0).to(torch.int32)
+
+    def add(self, camera: Camera, hair: Float[Tensor, "height width"], head: Float[Tensor, "height width"]) -> None:
+        """Drop what this view sees to be no hair."""
+        projection = torch.eye(4, device=hair.device)
+        projection[:3] = camera.intrinsics @ camera.world_to_camera[:3]
+        inputs = [
+            kernels.array(self.points, wp.vec3),
+            wp.mat44(*projection.reshape(-1).tolist()),
+            wp.vec3(*camera.position.tolist()),
+            kernels.array(hair),
+            kernels.array(head),
+            kernels.array(self.kept),
+        ]
+        kernels.launch_split(hull_kernels.carve, len(self.points), inputs, hair.device)
+
+    def hull(self) -> Hull:
+        """The volume that is left, smoothed by about a voxel."""
+        grid = (self.kept > 0).float().reshape(1, 1, self.nodes, self.nodes, self.nodes)
+        for _ in range(2):
+            grid = torch.nn.functional.avg_pool3d(grid, 3, stride=1, padding=1)
+        return Hull(grid[0, 0].contiguous(), self.origin, self.voxel)
+
+
+def ray_bounds(
+    camera: Camera,
+    rays: Float[Tensor, "pixel 3"],
+    head: Float[Tensor, " pixel"],
+    hull: Hull,
+    region: Region,
+    thickness: float,
+) -> Bounds:
+    """Where each ray enters the hull, and where it stops: at the head, or `thickness` metres further on."""
+    distance = float((camera.position - region.centre).norm())
+    near = torch.full_like(head, -1.0)
+    normal = -rays.clone()
+    inputs = [
+        kernels.array(hull.grid),
+        wp.vec3(*hull.origin.tolist()),
+        hull.voxel,
+        wp.vec3(*camera.position.tolist()),
+        kernels.array(rays, wp.vec3),
+        kernels.array(head),
+        max(distance - region.radius, 0.0),
+        distance + region.radius,
+        kernels.array(near),
+        kernels.array(normal, wp.vec3),
+    ]
+    kernels.launch_split(hull_kernels.enter, len(rays), inputs, head.device)
+    far = torch.minimum(near + thickness, head + hull.voxel)
+    start = torch.where(near > 0, near - 0.5 * hull.voxel, near)
+    return Bounds(start, torch.maximum(far, near + 2 * hull.voxel), normal)

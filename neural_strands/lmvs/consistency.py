@@ -1,0 +1,57 @@
+"""Multi-view consistency: which lines of a view other views confirm."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.lmvs.patchmatch import LineMap
+
+
+@dataclass(frozen=True)
+class OrientedPoints:
+    """A cloud of points with directions.
+
+    Attributes:
+        points: world metres.
+        directions: unit, unsigned.
+        weight: how sure each is, in [0, 1].
+        view: which view each came from.
+    """
+
+    points: Float[Tensor, "point 3"]
+    directions: Float[Tensor, "point 3"]
+    weight: Float[Tensor, " point"]
+    view: Int64[Tensor, " point"]
+
+
+def line_points(camera: Camera, lines: LineMap) -> Float[Tensor, "point 3"]:
+    """World positions of a view's lines."""
+    return camera.position + camera.rays(lines.pixel.float() + 0.5) * lines.depth[:, None]
+
+
+def confirmations(
+    points: Float[Tensor, "point 3"],
+    directions: Float[Tensor, "point 3"],
+    others: Sequence[tuple[Camera, LineMap]],
+    distance: float,
+    cosine: float,
+) -> Float[Tensor, " point"]:
+    """Number of other views that see, where a point projects, a line within `distance` metres and an angle of it."""
+    count = points.new_zeros(len(points))
+    for camera, lines in others:
+        index = torch.full((camera.height, camera.width), -1, dtype=torch.int64, device=points.device)
+        index[lines.pixel[:, 1], lines.pixel[:, 0]] = torch.arange(len(lines.depth), device=points.device)
+        where = line_points(camera, lines)
+        pixel, depth = camera.project(points)
+        cell = pixel.floor()
+        inside = (depth > 0) & (cell >= 0).all(-1) & (cell[:, 0] < camera.width) & (cell[:, 1] < camera.height)
+        cell = torch.where(inside[:, None], cell, torch.zeros_like(cell)).long()
+        found = torch.where(inside, index[cell[:, 1], cell[:, 0]], -1)
+        near = (where[found] - points).norm(dim=-1) < distance
+        alike = (lines.direction[found] * directions).sum(-1).abs() > cosine
+        count += ((found >= 0) & near & alike).float()
+    return count

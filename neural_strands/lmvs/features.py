@@ -1,0 +1,83 @@
+"""What the matcher reads of a view: orientation, its confidence and brightness per pixel, and which pixels are hair."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, luma, orientation_map
+
+
+@dataclass(frozen=True)
+class Features:
+    """One view made ready.
+
+    Attributes:
+        camera: the view's camera.
+        texture: c cos 2a, c sin 2a, c, brightness; a the orientation, c its confidence.
+        hair: which pixels are hair.
+        silhouette: hair and what may be hair, for the hull: a stray thin hair must not be carved away.
+    """
+
+    camera: Camera
+    texture: Float[Tensor, "height width 4"]
+    hair: Bool[Tensor, "height width"]
+    silhouette: Bool[Tensor, "height width"]
+
+    @property
+    def box(self) -> Float[Tensor, "4"]:
+        """Left, top, right and bottom of the hair, pixels."""
+        row, column = torch.nonzero(self.hair, as_tuple=True)
+        edges = [column.min(), row.min(), column.max() + 1, row.max() + 1]
+        return torch.stack(edges).float()
+
+
+def view_features(
+    camera: Camera,
+    image: Float[Tensor, "height width 3"],
+    mask: Float[Tensor, "height width"] | None,
+    config: OrientationConfig,
+    brightness_blur: float = 0.7,
+) -> tuple[Features, OrientationMap]:
+    """Orientation and brightness of a view; without a mask, hair is where the orientation is sure and strong.
+
+    Brightness is blurred by `brightness_blur` pixels: sensor and path-tracing noise is white, streaks are not.
+    """
+    brightness = luma(image)
+    seen = orientation_map(brightness, config)
+    if mask is None:
+        hair = hair_pixels(seen)
+        silhouette = torch.ones_like(hair)
+    else:
+        hair = mask > 0.3
+        silhouette = torch.nn.functional.max_pool2d(mask[None, None], 3, stride=1, padding=1)[0, 0] > 0.2
+    # The doubled angle is smooth across 0 and pi, so the texture may be interpolated.
+    texture = torch.stack(
+        [
+            seen.confidence * torch.cos(2 * seen.angle),
+            seen.confidence * torch.sin(2 * seen.angle),
+            seen.confidence,
+            gaussian_blur(brightness, brightness_blur),
+        ],
+        dim=-1,
+    )
+    return Features(camera, texture, hair, silhouette), seen
+
+
+def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:
+    """Where streaks are both strong and of one direction over a neighbourhood."""
+    strength = seen.energy * seen.confidence
+    smooth = gaussian_blur(strength, 4.0)
+    coherent = gaussian_blur(seen.confidence, 4.0)
+    positive = smooth[smooth > 0]
+    if len(positive) == 0:
+        return torch.zeros_like(smooth, dtype=torch.bool)
+    return (smooth > 0.35 * torch.quantile(positive[:: max(1, len(positive) // 100000)], 0.98)) & (coherent > 0.12)
+
+
+def ray_angle(camera: Camera) -> float:
+    """Angle in radians that a pixel in the middle of the image covers."""
+    return math.atan(camera.footprint(1.0))

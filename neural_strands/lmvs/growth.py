@@ -1,0 +1,148 @@
+"""Growth direction: a sign for every segment so that it runs from root to tip (paper, after Chai 2013).
+
+Each segment carries one unknown in [-1, 1]. Neighbouring segments of about the same line want the same sign, segments
+that leave the scalp want to point away from it, and hair hangs if nothing else is known. The minimum of the sum of
+squares is a sparse linear system: diffusion with soft anchors. Strokes are anchors that outweigh all others.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import cg
+from scipy.spatial import KDTree
+from torch import Tensor
+
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.signed_distance import signed_distance
+
+
+@dataclass(frozen=True)
+class GrowthConfig:
+    """Weights of the diffusion; lengths are in the spacing of the segments' points unless they say otherwise."""
+
+    reach: float = 12.0
+    """How far neighbours are looked for."""
+    neighbours: int = 12
+    """Neighbours of a point."""
+    angle: float = 35.0
+    """Neighbours of a larger angle say nothing, degrees."""
+    scalp_reach: float = 0.08
+    """How far from the head its pull falls to 1/e, as a share of the head's size."""
+    scalp: float = 0.3
+    """Pull to point away from the head."""
+    gravity: float = 0.05
+    """Pull to hang."""
+    stroke: float = 100.0
+    """Pull of a stroke."""
+    stroke_reach: float = 10.0
+    """How far from a stroke it pulls."""
+
+
+def orient_segments(
+    segments: LineSegments,
+    head: Mesh | None,
+    strokes: list[Float[Tensor, "point 3"]],
+    config: GrowthConfig,
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0),
+) -> LineSegments:
+    """Turn every segment so that it runs from root to tip; its points are reversed with it.
+
+    Args:
+        segments: chains whose directions follow their points.
+        head: the head, if it is known; without one only gravity and strokes say which way hair grows.
+        strokes: polylines drawn from root to tip, metres.
+        config: weights.
+        up: against gravity, in world axes.
+    """
+    if len(segments) == 0:
+        return segments
+    points = segments.points.cpu().double().numpy()
+    lines = segments.directions.cpu().double().numpy()
+    owner = segments.segment_id.cpu().numpy()
+    count = segments.segment_count
+    spacing = _spacing(points, owner)
+    pull = -config.gravity * (lines @ np.asarray(up))
+    weight = np.full(len(points), config.gravity)
+    if head is not None:
+        away, strength = _away_from_head(segments, head, config)
+        pull += strength * (lines * away).sum(-1)
+        weight += strength
+    for stroke in strokes:
+        along, strength = _near_stroke(points, stroke.cpu().double().numpy(), config, spacing)
+        pull += strength * (lines * along).sum(-1)
+        weight += strength
+    anchor = np.bincount(owner, weights=pull, minlength=count)
+    anchored = np.bincount(owner, weights=weight, minlength=count)
+    first, second, coupling = _couplings(points, lines, owner, spacing, config)
+    ties = coo_matrix((coupling, (first, second)), shape=(count, count)).tocsr()
+    ties = ties + ties.T
+    system = diags(np.asarray(abs(ties).sum(axis=1)).ravel() + anchored + 1e-9) - ties
+    sign, _ = cg(system, anchor, rtol=1e-5, maxiter=2000)
+    return flip_segments(segments, torch.from_numpy(sign < 0).to(segments.points.device))
+
+
+def flip_segments(segments: LineSegments, flip: Tensor) -> LineSegments:
+    """Reverse the segments that `flip` names: their points' order and their directions."""
+    owner = segments.segment_id
+    sizes = torch.bincount(owner, minlength=len(flip))
+    start = sizes.cumsum(0) - sizes
+    index = torch.arange(len(owner), device=owner.device)
+    mirrored = 2 * start[owner] + sizes[owner] - 1 - index
+    order = torch.where(flip[owner], mirrored, index)
+    sign = torch.where(flip[owner], -1.0, 1.0)[:, None].to(segments.directions)
+    return LineSegments(
+        segments.points[order], segments.directions[order] * sign, segments.confidence[order], segments.segment_id
+    )
+
+
+def _spacing(points: np.ndarray, owner: np.ndarray) -> float:
+    """Median distance of a segment's neighbouring points."""
+    same = owner[1:] == owner[:-1]
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=-1)[same]
+    return float(np.median(steps)) if len(steps) else 1.0
+
+
+def _away_from_head(segments: LineSegments, head: Mesh, config: GrowthConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors away from the head, and how strongly they pull."""
+    size = float((head.vertices.amax(0) - head.vertices.amin(0)).norm())
+    found = signed_distance(segments.points.float(), head)
+    strength = config.scalp * torch.exp(-found.distance.abs() / (config.scalp_reach * size))
+    return found.normal.cpu().double().numpy(), strength.cpu().double().numpy()
+
+
+def _near_stroke(
+    points: np.ndarray, stroke: np.ndarray, config: GrowthConfig, spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Direction of the nearest piece of a stroke, and how strongly it pulls."""
+    steps = np.linalg.norm(np.diff(stroke, axis=0), axis=-1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    fine = np.linspace(0.0, arc[-1], max(2, math.ceil(arc[-1] / spacing) + 1))
+    dense = np.stack([np.interp(fine, arc, stroke[:, axis]) for axis in range(3)], axis=1)
+    along = np.gradient(dense, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-12)
+    distance, nearest = KDTree(dense).query(points)
+    strength = config.stroke * np.exp(-((distance / (config.stroke_reach * spacing)) ** 2))
+    return along[nearest], strength
+
+
+def _couplings(
+    points: np.ndarray, lines: np.ndarray, owner: np.ndarray, spacing: float, config: GrowthConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of segments and how much they want the same (positive) or the opposite sign."""
+    reach = config.reach * spacing
+    tree = KDTree(points)
+    chosen = np.arange(0, len(points), 2)
+    distance, index = tree.query(points[chosen], k=config.neighbours + 1, distance_upper_bound=reach, workers=-1)
+    first = np.repeat(chosen, config.neighbours + 1)
+    distance, second = distance.ravel(), index.ravel()
+    found = np.isfinite(distance)
+    first, second, distance = first[found], second[found], distance[found]
+    cosine = (lines[first] * lines[second]).sum(-1)
+    kept = (np.abs(cosine) > math.cos(math.radians(config.angle))) & (owner[first] != owner[second])
+    weight = np.exp(-((distance[kept] / (0.5 * reach)) ** 2)) * cosine[kept]
+    return owner[first[kept]], owner[second[kept]], weight

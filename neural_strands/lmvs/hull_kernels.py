@@ -1,0 +1,119 @@
+"""Warp kernels that bound where hair can be: carving by masks, and rays against the head and the carved volume."""
+
+# ruff: noqa: UP018  (Warp tells a variable from a constant by the cast)
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def head_distance(
+    start: int, mesh: wp.uint64, centre: wp.vec3, ray: wp.array[wp.vec3], distance: wp.array[float]
+) -> None:
+    """Distance along each unit ray to the head, or a large number."""
+    i = start + wp.tid()
+    hit = wp.mesh_query_ray(mesh, centre, ray[i], 1.0e6)
+    distance[i] = 1.0e9
+    if hit.result:
+        distance[i] = hit.t
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def carve(
+    start: int,
+    point: wp.array[wp.vec3],
+    projection: wp.mat44,
+    centre: wp.vec3,
+    hair: wp.array(dtype=wp.float32, ndim=2),
+    head: wp.array(dtype=wp.float32, ndim=2),
+    kept: wp.array[int],
+) -> None:
+    """Drop the points that a view sees outside its mask in front of the head; outside the picture nothing is known."""
+    i = start + wp.tid()
+    if kept[i] == 0:
+        return
+    p = point[i]
+    image = projection * wp.vec4(p[0], p[1], p[2], 1.0)
+    if image[2] <= 0.0:
+        return
+    u = image[0] / image[2]
+    v = image[1] / image[2]
+    if u < 0.0 or v < 0.0 or u >= float(hair.shape[1]) or v >= float(hair.shape[0]):
+        return
+    row = int(v)
+    column = int(u)
+    if hair[row, column] > 0.5:
+        return
+    if wp.length(p - centre) > head[row, column]:
+        return
+    kept[i] = 0
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def enter(
+    start: int,
+    grid: wp.array(dtype=wp.float32, ndim=3),
+    origin: wp.vec3,
+    voxel: float,
+    centre: wp.vec3,
+    ray: wp.array[wp.vec3],
+    stop: wp.array[float],
+    begin: float,
+    end: float,
+    entry: wp.array[float],
+    normal: wp.array[wp.vec3],
+) -> None:
+    """March each ray from `begin` to where the smoothed volume exceeds one half; its gradient is the normal."""
+    i = start + wp.tid()
+    entry[i] = -1.0
+    normal[i] = -ray[i]
+    last = wp.min(end, stop[i] + 4.0 * voxel)
+    distance = begin
+    previous = float(0.0)
+    while distance < last:
+        place = (centre + ray[i] * distance - origin) / voxel
+        value = trilinear(grid, place)
+        if value > 0.5:
+            back = 0.5 * voxel * (value - 0.5) / wp.max(value - previous, 1.0e-3)
+            entry[i] = distance - wp.min(back, 0.5 * voxel)
+            gradient = wp.vec3(
+                trilinear(grid, place + wp.vec3(1.5, 0.0, 0.0)) - trilinear(grid, place - wp.vec3(1.5, 0.0, 0.0)),
+                trilinear(grid, place + wp.vec3(0.0, 1.5, 0.0)) - trilinear(grid, place - wp.vec3(0.0, 1.5, 0.0)),
+                trilinear(grid, place + wp.vec3(0.0, 0.0, 1.5)) - trilinear(grid, place - wp.vec3(0.0, 0.0, 1.5)),
+            )
+            if wp.length(gradient) > 1.0e-4:
+                outward = -wp.normalize(gradient)
+                # A normal at grazing angles is a guess: it is turned towards the camera.
+                normal[i] = wp.normalize(outward - ray[i] * 0.5)
+            return
+        previous = value
+        distance += 0.5 * voxel
+
+
+@wp.func
+@no_type_check
+def trilinear(grid: wp.array(dtype=wp.float32, ndim=3), place: wp.vec3) -> float:
+    """Value at a place in voxels, nodes on the integers; zero outside."""
+    x = int(wp.floor(place[0]))
+    y = int(wp.floor(place[1]))
+    z = int(wp.floor(place[2]))
+    if x < 0 or y < 0 or z < 0 or x + 1 >= grid.shape[0] or y + 1 >= grid.shape[1] or z + 1 >= grid.shape[2]:
+        return 0.0
+    fx = place[0] - float(x)
+    fy = place[1] - float(y)
+    fz = place[2] - float(z)
+    low = wp.lerp(
+        wp.lerp(grid[x, y, z], grid[x + 1, y, z], fx), wp.lerp(grid[x, y + 1, z], grid[x + 1, y + 1, z], fx), fy
+    )
+    high = wp.lerp(
+        wp.lerp(grid[x, y, z + 1], grid[x + 1, y, z + 1], fx),
+        wp.lerp(grid[x, y + 1, z + 1], grid[x + 1, y + 1, z + 1], fx),
+        fy,
+    )
+    return wp.lerp(low, high, fz)

@@ -1,0 +1,159 @@
+"""Line-based multi-view stereo from end to end: views in, line segments out (paper, Data Preparation)."""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import torch
+import warp as wp
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs.bounds import Carver, Hull, Region, find_region, head_map, ray_bounds, warp_mesh
+from neural_strands.lmvs.chains import ChainConfig, grow_chains
+from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
+from neural_strands.lmvs.orientation import OrientationConfig
+from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines
+from neural_strands.lmvs.views import View
+from neural_strands.lmvs.work import Work
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LmvsConfig:
+    """Everything that can be set; lengths follow the pixel footprint, so defaults hold at any scale."""
+
+    orientation: OrientationConfig = field(default_factory=OrientationConfig)
+    """2D orientation."""
+    patchmatch: PatchMatchConfig = field(default_factory=PatchMatchConfig)
+    """Lines of a view."""
+    chains: ChainConfig = field(default_factory=ChainConfig)
+    """Segments."""
+    least_baseline: float = 8.0
+    """Smallest angle between neighbour views, seen from the hair, degrees."""
+    thickness: float = 0.3
+    """How deep behind the hull's surface hair is looked for, as a share of the radius that the hair is seen in."""
+    voxel: float = 3.0
+    """Voxel of the hull, pixel footprints."""
+    confirming: int = 2
+    """Other views that must confirm a line."""
+    distance: float = 3.0
+    """Within what distance, pixel footprints."""
+    angle: float = 20.0
+    """Within what angle, degrees."""
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What every view's matching shares."""
+
+    work: Work
+    region: Region
+    hull: Hull
+    mesh: wp.Mesh | None
+    footprint: float
+
+
+def reconstruct(
+    views: Sequence[View],
+    head: Mesh | None,
+    config: LmvsConfig,
+    generator: torch.Generator,
+    folder: Path | None = None,
+    track: Callable[[Iterable[int], str, int], Iterable[int]] = lambda items, _text, _total: items,
+) -> LineSegments:
+    """Reconstruct line segments, directions unsigned.
+
+    Args:
+        views: two or more; those that show no hair are left out with a warning.
+        head: the head in the same frame, if it is known: hair is not looked for inside.
+        config: settings.
+        generator: of every random choice.
+        folder: keeps each view's lines, so that a stopped run goes on where it stopped; None keeps nothing.
+        track: shows progress over an iterable, given what is done and how many there are.
+
+    Raises:
+        InputError: fewer than two views show hair.
+    """
+    if len(views) < 2:
+        raise InputError(f"expected at least two views to match lines between, came {len(views)}; add photographs.")
+    with TemporaryDirectory() as temporary:
+        work = Work(folder or Path(temporary), views, config.orientation)
+        good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
+        if len(good) < 2:
+            raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
+        scene = _survey(views, good, head, config, work)
+        seed = int(torch.randint(0, 2**30, (1,), generator=generator))
+        cameras = [view.camera for view in views]
+        for i in track(good, "lines", len(good)):
+            if not work.has_lines(i):
+                neighbours = _neighbours(cameras, good, i, scene.region, config.least_baseline)
+                work.save_lines(i, _match(work, scene, i, neighbours, config, seed + 1000 * i))
+        parts = []
+        for i in track(good, "fusion", len(good)):
+            parts.append(_confirmed(work, cameras, good, i, scene, config))
+    cloud = OrientedPoints(
+        *(torch.cat([getattr(part, name) for part in parts]) for name in OrientedPoints.__annotations__)
+    )
+    return grow_chains(cloud, scene.footprint, config.chains, generator)
+
+
+def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: Work) -> _Scene:
+    """Find where the hair is, and carve its hull."""
+    cameras = [views[i].camera for i in good]
+    region = find_region(cameras, [work.features(i).box for i in good])
+    footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
+    footprint = float(torch.tensor(footprints).median())
+    mesh = None if head is None else warp_mesh(head)
+    carver = Carver(region, config.voxel * footprint, len(good))
+    for i in good:
+        features = work.features(i)
+        carver.add(views[i].camera, features.silhouette.float(), head_map(views[i].camera, mesh))
+    return _Scene(work, region, carver.hull(), mesh, footprint)
+
+
+def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
+    """The views nearest to a view in angle, but not nearer than the least baseline."""
+    direction = torch.stack(
+        [torch.nn.functional.normalize(camera.position - region.centre, dim=0) for camera in cameras]
+    )
+    angle = torch.rad2deg(torch.arccos((direction @ direction[i]).clamp(-1, 1)))
+    chosen = sorted((float(angle[j]), j) for j in good if j != i and float(angle[j]) >= least)
+    return [j for _, j in chosen[:8]]
+
+
+def _match(work: Work, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
+    """Lines of one view."""
+    reference = work.features(i)
+    row, column = torch.nonzero(reference.hair, as_tuple=True)
+    pixel = torch.stack([column, row], dim=1)
+    rays = reference.camera.rays(pixel.float() + 0.5)
+    thickness = config.thickness * scene.region.radius
+    head = head_map(reference.camera, scene.mesh)[row, column]
+    bounds = ray_bounds(reference.camera, rays, head, scene.hull, scene.region, thickness)
+    bounds, pixel = bounds.select(bounds.near > 0), pixel[bounds.near > 0]
+    others = [work.features(j) for j in neighbours]
+    return match_lines(reference, others, pixel, bounds, thickness, config.patchmatch, seed)
+
+
+def _confirmed(
+    work: Work, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
+) -> OrientedPoints:
+    """Points of a view that other views confirm."""
+    lines = work.lines(i)
+    points = line_points(cameras[i], lines)
+    near = _neighbours(cameras, good, i, scene.region, 0.0)
+    cosine = float(torch.cos(torch.deg2rad(torch.tensor(config.angle))))
+    votes = confirmations(
+        points, lines.direction, [(cameras[j], work.lines(j)) for j in near], config.distance * scene.footprint, cosine
+    )
+    keep = votes >= min(config.confirming, len(near))
+    weight = (1 - lines.cost[keep]).clamp(0.05, 1) * (votes[keep] / len(near)).sqrt()
+    return OrientedPoints(
+        points[keep], lines.direction[keep], weight, torch.full((int(keep.sum()),), i, dtype=torch.int64)
+    )

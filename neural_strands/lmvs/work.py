@@ -1,0 +1,95 @@
+"""What is computed of each view, kept on disk between stages so that memory does not grow with the number of views."""
+
+import logging
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from neural_strands.foundation.files import atomic_file
+from neural_strands.lmvs.features import Features, view_features
+from neural_strands.lmvs.orientation import OrientationConfig
+from neural_strands.lmvs.patchmatch import LineMap
+from neural_strands.lmvs.views import View
+
+log = logging.getLogger(__name__)
+
+KEPT = 12
+"""Views whose arrays stay in memory: a reference, its eight neighbours, and some that the next reference shares."""
+LEAST_HAIR = 64
+"""A view with fewer pixels of hair is left out."""
+
+
+class Work:
+    """Per-view results in a folder, the latest few in memory."""
+
+    def __init__(self, folder: Path, views: Sequence[View], config: OrientationConfig) -> None:
+        """Use `folder`; what it holds of these views is used again."""
+        self.folder, self.views, self.config = folder, views, config
+        self._features: OrderedDict[int, Features] = OrderedDict()
+        self._lines: OrderedDict[int, LineMap] = OrderedDict()
+
+    def prepare(self, index: int) -> bool:
+        """Compute and store a view's features; False, with a warning, where it shows no hair."""
+        camera = self.views[index].camera
+        features = self.features(index)
+        if int(features.hair.sum()) < LEAST_HAIR:
+            log.warning("%s: no hair found in this view; it is left out.", camera.name)
+            return False
+        return True
+
+    def features(self, index: int) -> Features:
+        """A view's features, from memory, from disk, or computed."""
+        if index not in self._features:
+            path = self._path(index, "features")
+            if path.is_file():
+                with np.load(path) as stored:
+                    arrays = {name: torch.from_numpy(stored[name]) for name in stored.files}
+                features = Features(
+                    self.views[index].camera, arrays["texture"].float(), arrays["hair"], arrays["silhouette"]
+                )
+            else:
+                view = self.views[index]
+                mask = None if view.load_mask is None else view.load_mask()
+                features, _ = view_features(view.camera, view.load_image(), mask, self.config)
+                with atomic_file(path) as temporary:
+                    np.savez(
+                        temporary,
+                        texture=features.texture.half().cpu().numpy(),
+                        hair=features.hair.cpu().numpy(),
+                        silhouette=features.silhouette.cpu().numpy(),
+                    )
+            self._features[index] = features
+        self._features.move_to_end(index)
+        while len(self._features) > KEPT:
+            self._features.popitem(last=False)
+        return self._features[index]
+
+    def has_lines(self, index: int) -> bool:
+        """Whether a view's lines are stored."""
+        return self._path(index, "lines").is_file()
+
+    def save_lines(self, index: int, lines: LineMap) -> None:
+        """Store a view's lines."""
+        with atomic_file(self._path(index, "lines")) as temporary:
+            np.savez(temporary, **{name: getattr(lines, name).cpu().numpy() for name in LineMap.__annotations__})
+        self._lines[index] = lines
+
+    def lines(self, index: int) -> LineMap:
+        """A view's lines, from memory or disk."""
+        if index not in self._lines:
+            with np.load(self._path(index, "lines")) as stored:
+                self._lines[index] = LineMap(
+                    **{name: torch.from_numpy(stored[name]) for name in LineMap.__annotations__}
+                )
+        self._lines.move_to_end(index)
+        while len(self._lines) > KEPT:
+            self._lines.popitem(last=False)
+        return self._lines[index]
+
+    def _path(self, index: int, kind: str) -> Path:
+        name = self.views[index].camera.name or f"{index:04d}"
+        safe = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
+        return self.folder / f"{kind}_{index:04d}_{safe}.npz"
