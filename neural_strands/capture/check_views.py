@@ -1,0 +1,124 @@
+"""Checks of the cameras: do they see the head, from all sides, at a plausible scale?"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.capture.findings import Finding
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+
+HEAD_HEIGHT = (0.15, 0.8)
+"""Metres that a head with neck, or a bust, is high."""
+FRAME_WIDTH = (0.15, 3.0)
+"""Metres that an image of a head spans at the head's distance."""
+SEEN_SHARE = 0.3
+"""A camera sees the head when at least this share of the head's vertices falls into its image."""
+REACH = 45.0
+"""Degrees about a viewing direction within which hair counts as covered by it."""
+COVERED_SHARE = 0.5
+"""Least share of all directions about the head that should be covered."""
+FEW_VIEWS = 12
+"""Fewer views than this make poor geometry."""
+DIRECTIONS = 1000
+"""Directions about the head at which coverage is tested."""
+
+
+def subject_centre(cameras: Sequence[Camera], head: Mesh | None) -> Float[Tensor, "3"]:
+    """The middle of the head, or else the point nearest to all optical axes (least squares)."""
+    if head is not None:
+        return 0.5 * (head.vertices.amin(dim=0) + head.vertices.amax(dim=0))
+    axes = torch.stack([camera.rotation[2] for camera in cameras]).double()
+    positions = torch.stack([camera.position for camera in cameras]).double()
+    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    # Parallel axes meet nowhere: a little weight on the points one unit ahead keeps the system solvable.
+    system = across.sum(dim=0) + 1e-9 * len(cameras) * torch.eye(3, dtype=torch.float64)
+    right = (across @ positions[:, :, None]).sum(dim=0) + 1e-9 * (positions + axes).sum(dim=0)[:, None]
+    return torch.linalg.solve(system, right)[:, 0].float()
+
+
+def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
+    """Whether the unit of the calibration can be the metre."""
+    if head is not None:
+        height = float((head.vertices.amax(dim=0) - head.vertices.amin(dim=0)).max())
+        if HEAD_HEIGHT[0] <= height <= HEAD_HEIGHT[1]:
+            return Finding("scale", "good", f"the head is {height:.2f} m high")
+        return Finding(
+            "scale",
+            "error",
+            f"the head is {height:.3g} m high, expected {HEAD_HEIGHT[0]} to {HEAD_HEIGHT[1]}",
+            f"multiply the cameras' translations and the head by about {0.3 / height:.2g}",
+        )
+    centre = subject_centre(cameras, None)
+    distances = torch.stack([(camera.position - centre).norm() for camera in cameras])
+    focal = torch.tensor([float(camera.intrinsics[0, 0]) / camera.width for camera in cameras])
+    width = float((distances / focal).median())
+    if FRAME_WIDTH[0] <= width <= FRAME_WIDTH[1]:
+        return Finding("scale", "good", f"an image spans {width:.2f} m at the subject (no head to measure by)")
+    return Finding(
+        "scale",
+        "warning",
+        f"an image spans {width:.3g} m at the subject, expected {FRAME_WIDTH[0]} to {FRAME_WIDTH[1]}: the scale of the "
+        "calibration is arbitrary",
+        "scale the cameras' translations to metres, or give a head in the same scale (head.obj)",
+    )
+
+
+def check_aim(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
+    """Whether each camera has the head (or the point that all look at) in its image."""
+    points = subject_centre(cameras, None)[None] if head is None else head.vertices
+    blind = tuple(camera.name for camera in cameras if _seen_share(camera, points) < SEEN_SHARE)
+    subject = "head" if head is not None else "point that the others look at"
+    if not blind:
+        return Finding("aim", "good", f"every camera sees the {subject}")
+    return Finding(
+        "aim",
+        "error" if len(blind) == len(cameras) else "warning",
+        f"{len(blind)} of {len(cameras)} cameras do not see the {subject}",
+        "remove these views, or check that head and cameras are in the same frame (y up, metres, OpenGL poses)",
+        blind,
+    )
+
+
+def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
+    """Whether there are enough views, all around the head."""
+    centre = subject_centre(cameras, head)
+    toward = torch.nn.functional.normalize(torch.stack([camera.position for camera in cameras]) - centre, dim=-1)
+    nearest = (_sphere(DIRECTIONS) @ toward.T).amax(dim=1)
+    covered = float((nearest >= torch.cos(torch.deg2rad(torch.tensor(REACH)))).float().mean())
+    spread = float(torch.rad2deg(torch.acos((toward @ toward.T).min().clamp(-1, 1))))
+    facts = f"{len(cameras)} views, {spread:.0f}° apart at most, cover {100 * covered:.0f} % of all directions"
+    if len(cameras) < FEW_VIEWS:
+        action = f"take at least {FEW_VIEWS}, better 24, from all around and above"
+        return Finding("viewpoints", "warning", f"few views: {facts}", action)
+    if covered < COVERED_SHARE:
+        action = "take views all around and above: what no view sees is invented by the prior"
+        return Finding("viewpoints", "warning", f"a narrow range: {facts}", action)
+    return Finding("viewpoints", "good", facts)
+
+
+def check_doubles(cameras: Sequence[Camera]) -> Finding | None:
+    """Views with the same pose, which a broken export gives."""
+    poses = torch.stack([camera.world_to_camera for camera in cameras]).reshape(len(cameras), -1)
+    same = (torch.cdist(poses, poses) < 1e-6).triu(diagonal=1).any(dim=0)
+    if not same.any():
+        return None
+    names = tuple(camera.name for camera, doubled in zip(cameras, same.tolist(), strict=True) if doubled)
+    return Finding("poses", "warning", "views have the pose of another", "export the cameras again", names)
+
+
+def _seen_share(camera: Camera, points: Float[Tensor, "point 3"]) -> float:
+    pixels, depth = camera.project(points)
+    size = pixels.new_tensor([camera.width, camera.height])
+    return float(((pixels >= 0) & (pixels <= size)).all(dim=-1).logical_and(depth > 0).float().mean())
+
+
+def _sphere(count: int) -> Float[Tensor, "{count} 3"]:
+    """Directions spread evenly over the sphere (Fibonacci lattice)."""
+    index = torch.arange(count) + 0.5
+    z = 1 - 2 * index / count
+    turn = index * torch.pi * (3 - 5**0.5)
+    ring = (1 - z.square()).sqrt()
+    return torch.stack([ring * turn.cos(), ring * turn.sin(), z], dim=-1)

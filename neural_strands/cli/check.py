@@ -1,0 +1,60 @@
+"""`neural-strands check`: what is in a capture folder and what is wrong with it."""
+
+import dataclasses
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from neural_strands.foundation.errors import InputError
+
+if TYPE_CHECKING:
+    from neural_strands.capture.findings import Finding
+
+MARKS = {"good": "ok", "note": "-", "warning": "WARNING", "error": "ERROR"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """Say in one table what is in a capture folder and what is wrong, before hours are spent on it.
+
+    Looks at the calibration, every image and mask, the head, the scale, where the cameras look, the range of
+    viewpoints, blur and exposure; says what to do about each. Ends with status 2 if something must be mended first.
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Holds transforms.json or a COLMAP model, and the images."""
+    json: bool = False
+    """Print one JSON object: "worst" (good, note, warning or error) and "findings", each with topic, level, message,
+    action and views."""
+
+    def run(self) -> None:
+        """Look at everything, print, and complain if there are errors."""
+        from neural_strands.capture.checks import check_capture
+        from neural_strands.capture.findings import worst
+
+        findings = check_capture(self.folder)
+        if self.json:
+            rows = [dataclasses.asdict(finding) for finding in findings]
+            sys.stdout.write(json.dumps({"worst": worst(findings), "findings": rows}) + "\n")
+        else:
+            sys.stdout.write(table(findings))
+        errors = sum(finding.level == "error" for finding in findings)
+        if errors:
+            raise InputError(
+                f"{self.folder}: expected a capture without errors, came one with {errors}; see the rows marked ERROR."
+            )
+
+
+def table(findings: "list[Finding]") -> str:
+    """The findings for people: one line each, and under it what to do."""
+    width = max(len(finding.topic) for finding in findings)
+    lines = []
+    for finding in findings:
+        lines.append(f"{MARKS[finding.level]:<8} {finding.topic:<{width}}  {finding.text}\n")
+        if finding.action:
+            lines.append(f"{'':<8} {'':<{width}}  -> {finding.action}\n")
+    return "".join(lines)

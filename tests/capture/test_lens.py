@@ -1,0 +1,58 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neural_strands.capture.lens import Lens
+
+SIZE = (120, 90)
+
+
+def lens(*coefficients: float) -> Lens:
+    return Lens((100.0, 104.0, 61.0, 44.5), coefficients, *SIZE)
+
+
+@pytest.mark.parametrize("coefficients", [(0.1, -0.05, 0.002, -0.003, 0.01), (-0.2, 0.03, 0.0, 0.0, 0.0)])
+def test_distortion_is_opencvs(coefficients):
+    bent = lens(*coefficients)
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3))
+    points[:, 2] += 1.5
+    expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), bent.matrix(), np.array(coefficients))
+    np.testing.assert_allclose(bent.distort(points[:, :2] / points[:, 2:]), expected[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("coefficients", [(0.25, 0.0, 0.004, 0.0, 0.0), (-0.25, 0.05, 0.0, 0.003, 0.0)])
+def test_a_spot_lands_where_the_pinhole_camera_sees_it(coefficients):
+    bent = lens(*coefficients)
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    matrix = bent.undistorted_matrix()
+    for direction in np.array([[0.2, -0.15], [-0.3, 0.2], [0.0, 0.0], [0.35, 0.25]]):
+        x, y = bent.distort(direction)
+        photograph = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 8).astype(np.float32)
+        undone = bent.undistort(photograph)
+        found = (undone * columns).sum() / undone.sum(), (undone * rows).sum() / undone.sum()
+        expected = matrix[:2, :2] @ direction + matrix[:2, 2]
+        # A blob's centroid moves by a few hundredths of a pixel where magnification changes across it.
+        np.testing.assert_allclose(found, expected, atol=0.15)
+
+
+@settings(max_examples=30, deadline=None)
+@given(k1=st.floats(-0.3, 0.3), p1=st.floats(-0.01, 0.01))
+def test_no_pixel_comes_from_outside_the_photograph(k1, p1):
+    bent = lens(k1, 0.0, p1, 0.0, 0.0)
+    photograph = np.full((SIZE[1], SIZE[0]), 1.0, np.float32)
+    zoom = bent.undistorted_zoom()
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    fx, fy, cx, cy = bent.intrinsics
+    source = bent.distort(np.stack([(columns - cx) / (fx * zoom), (rows - cy) / (fy * zoom)], axis=-1))
+    assert source.min() >= 0
+    assert (source <= SIZE).all()
+    assert (bent.undistort(photograph) == 1).all()
+
+
+def test_without_distortion_nothing_is_resampled():
+    image = np.random.default_rng(0).random((SIZE[1], SIZE[0], 3)).astype(np.float32)
+    straight = lens(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert straight.undistort(image) is image
+    np.testing.assert_array_equal(straight.undistorted_matrix(), straight.matrix())
