@@ -1,0 +1,187 @@
+"""Fitting the appearance of strands that are given: texture Z_a, image generator, body and background colours.
+
+The step is the appearance half of the end-to-end fit (paper, "Rendering Loss"); with the true strands it is a
+benchmark of the renderer alone. Images are seen through crops about the hair: the same pixels at a fraction of the cost.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import HairModel, RenderOutput
+
+Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height width 3"]], Float[Tensor, ""]]
+"""Distance between a rendered and a photographed image, such as LPIPS."""
+
+
+@dataclass(frozen=True)
+class AppearanceConfig:
+    """How appearance is fitted."""
+
+    steps: int = 2000
+    """Gradient steps, one crop each."""
+    crop: int = 256
+    """Side of a crop, pixels."""
+    perceptual_weight: float = 0.1
+    """Weight of the perceptual distance beside the mean squared error (lambda_L in the paper)."""
+    alpha_weight: float = 0.1
+    """Weight of the mean squared error of the opacity, where masks are given."""
+    texture_rate: float = 3e-3
+    """Learning rate of Z_a."""
+    surround_rate: float = 1e-3
+    """Learning rate of the colours of body and background."""
+    network_rate: float = 2e-3
+    """Learning rate of the image generator."""
+    final_rate: float = 0.02
+    """Learning rates at the last step, as a fraction of the first."""
+    warmup: int = 20
+    """Steps over which the learning rates rise."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A photograph to be matched.
+
+    Attributes:
+        camera: its view.
+        image: sRGB in [0, 1].
+        mask: coverage of hair, if it is known.
+    """
+
+    camera: Camera
+    image: Float[Tensor, "height width 3"]
+    mask: Float[Tensor, "height width"] | None = None
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> "Observation":
+        """Part of the photograph, with the camera that sees just that."""
+        part = (slice(top, top + height), slice(left, left + width))
+        mask = None if self.mask is None else self.mask[part]
+        return Observation(self.camera.cropped(left, top, width, height), self.image[part], mask)
+
+
+def initialise_colours(model: HairModel, targets: Sequence[Observation]) -> None:
+    """Start body and background from the mean of the pixels that show them, and hair from its mean colour.
+
+    Rendering body and background is linear in their colours, so its transpose, which is what autograd computes, sums
+    the pixels that see each texel or vertex. What no pixel shows takes the mean of the rest.
+    """
+    hair = torch.zeros(4, device=model.root_uv.device)
+    sums = [torch.zeros_like(colour) for colour in (model.body.colour, model.background.colour)]
+    weights = [torch.zeros_like(colour) for colour in sums]
+    for target in targets:
+        mask = torch.zeros_like(target.image[..., 0]) if target.mask is None else target.mask
+        hair += torch.cat([(target.image * mask[..., None]).sum(dim=(0, 1)), mask.sum()[None]])
+        body = model.body(target.camera)
+        shown = (body.colour * (1 - mask)[..., None], model.background(target.camera))
+        open_sky = ((1 - mask) * (1 - body.coverage))[..., None]
+        for k, (image, colour) in enumerate(zip(shown, (model.body.colour, model.background.colour), strict=True)):
+            for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
+                cotangent = value if k == 0 else value * open_sky
+                total += torch.autograd.grad(image, colour, cotangent, retain_graph=True)[0]
+    with torch.no_grad():
+        for colour, total, weight in zip((model.body.colour, model.background.colour), sums, weights, strict=True):
+            mean = total.flatten(0, -2).sum(dim=0) / weight.flatten(0, -2).sum(dim=0).clamp(min=1e-6)
+            colour.copy_(torch.where(weight > 1e-3, total / weight.clamp(min=1e-3), mean))
+        if hair[3] > 0:
+            model.unet.bias[:3] = hair[:3] / hair[3]
+
+
+def appearance_optimiser(model: HairModel, config: AppearanceConfig) -> torch.optim.Adam:
+    """Adam over everything but the shape texture and the frozen generator."""
+    return torch.optim.Adam(
+        [
+            {"params": [model.textures.appearance], "lr": config.texture_rate},
+            {"params": [model.body.colour, model.background.colour], "lr": config.surround_rate},
+            {"params": list(model.unet.parameters()), "lr": config.network_rate},
+        ],
+        betas=(0.9, 0.99),
+        eps=1e-12,
+    )
+
+
+def appearance_loss(
+    output: RenderOutput, target: Observation, config: AppearanceConfig, perceptual: Perceptual | None
+) -> Float[Tensor, ""]:
+    """Mean squared error, perceptual distance, and opacity against the mask."""
+    loss = (output.rgb - target.image).square().mean()
+    if perceptual is not None:
+        loss = loss + config.perceptual_weight * perceptual(output.rgb, target.image)
+    if target.mask is not None:
+        loss = loss + config.alpha_weight * (output.alpha - target.mask).square().mean()
+    return loss
+
+
+def appearance_step(
+    model: HairModel,
+    strands: Strands,
+    target: Observation,
+    optimiser: torch.optim.Optimizer,
+    config: AppearanceConfig,
+    perceptual: Perceptual | None = None,
+) -> float:
+    """One gradient step on one (cropped) photograph; returns the loss before it."""
+    optimiser.zero_grad(set_to_none=True)
+    loss = appearance_loss(model.render(strands, target.camera), target, config, perceptual)
+    loss.backward()
+    optimiser.step()
+    return float(loss.detach())
+
+
+def fit_appearance(
+    model: HairModel,
+    strands: Strands,
+    targets: Sequence[Observation],
+    config: AppearanceConfig,
+    random: torch.Generator,
+    perceptual: Perceptual | None = None,
+) -> Iterator[float]:
+    """Fit the appearance of fixed strands, yielding the loss of each step.
+
+    Args:
+        model: fitted in place.
+        strands: world metres, with `root_uv`.
+        targets: the photographs.
+        config: steps and rates.
+        random: draws views and crops.
+        perceptual: distance beside the mean squared error; without one that term is left out.
+    """
+    initialise_colours(model, targets)
+    optimiser = appearance_optimiser(model, config)
+    first = [group["lr"] for group in optimiser.param_groups]
+    order: list[int] = []
+    for step in range(config.steps):
+        factor = min(1.0, (step + 1) / config.warmup) * cosine(step / config.steps, config.final_rate)
+        for group, rate in zip(optimiser.param_groups, first, strict=True):
+            group["lr"] = rate * factor
+        order = order or torch.randperm(len(targets), generator=random).tolist()
+        target = random_crop(targets[order.pop()], config.crop, model.config.unet.stride, random)
+        yield appearance_step(model, strands, target, optimiser, config, perceptual)
+
+
+def random_crop(target: Observation, side: int, stride: int, random: torch.Generator) -> Observation:
+    """A square crop about a random pixel of the hair (of the image, without a mask), aligned to the UNet's levels."""
+    height, width = target.image.shape[:2]
+    inside = torch.nonzero((target.mask if target.mask is not None else torch.ones(height, width)) > 0.5)
+    row, column = height // 2, width // 2
+    if len(inside):
+        row, column = inside[int(torch.randint(len(inside), (1,), generator=random))].tolist()
+    crop_width, crop_height = min(side, width), min(side, height)
+    left = _aligned(column - crop_width // 2, width - crop_width, stride)
+    top = _aligned(row - crop_height // 2, height - crop_height, stride)
+    return target.cropped(left, top, crop_width, crop_height)
+
+
+def cosine(progress: float, final: float) -> float:
+    """Half a cosine from 1 down to `final`."""
+    return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * progress))
+
+
+def _aligned(start: int, last: int, stride: int) -> int:
+    """The multiple of `stride` nearest below `start` that lies in [0, last]."""
+    return max(0, min(start, last)) // stride * stride
