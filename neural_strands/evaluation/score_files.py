@@ -4,9 +4,16 @@ import zipfile
 from pathlib import Path
 
 from neural_strands.capture.head_files import read_ground_truth
-from neural_strands.evaluation.oriented_points import STEP, OrientedPoints, sample_curves, sample_strands
+from neural_strands.evaluation.oriented_points import (
+    STEP,
+    OrientedPoints,
+    sample_curves,
+    sample_segments,
+    sample_strands,
+)
 from neural_strands.foundation.errors import InputError
 from neural_strands.grooms.io import read_groom
+from neural_strands.lmvs.files import load_segments
 
 LARGEST_EXTENT = 5.0
 """Metres across beyond which a file cannot be hair in metres."""
@@ -15,7 +22,8 @@ LARGEST_EXTENT = 5.0
 def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     """Read strands or line segments in metres and sample them `step` metres apart.
 
-    Takes any groom format, `ground_truth.npz` of a capture (or the capture's folder), and line segments.
+    Takes any groom format, `ground_truth.npz` of a capture (or the capture's folder), and line segments (.npz; as .ply
+    they are read as polylines).
 
     Raises:
         InputError: the file does not read, is not in metres, or holds nothing with a direction.
@@ -25,6 +33,8 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     names = _arrays_of(path)
     if "strands" in names:
         sampled = sample_strands(read_ground_truth(path).points, step)
+    elif "segment_id" in names:
+        sampled = sample_segments(load_segments(path), step)
     else:
         groom = read_groom(path)
         sampled = sample_curves(groom.vertices, groom.offsets, step)

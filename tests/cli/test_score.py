@@ -5,9 +5,11 @@ import pytest
 import torch
 
 from neural_strands.cli.main import main
+from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom
+from neural_strands.lmvs.files import save_segments
 
 
 @pytest.fixture
@@ -33,6 +35,21 @@ def test_json_holds_one_object_a_threshold(sparse, capsys):
 def test_table_and_capture_folder_as_truth(sparse, capsys):
     assert main(["score", str(sparse / "ground_truth.npz"), str(sparse)]) == 0
     assert "2mm/20deg     100.00  100.00  100.00" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".ply"])
+def test_line_segments_of_either_sign(sparse, capsys, suffix):
+    points = torch.stack([torch.zeros(20), torch.linspace(0, -0.1, 20), torch.full((20,), 5e-4)], dim=-1)
+    upward = torch.tensor([0.0, 1.0, 0.0]).expand(20, 3)
+    identity = torch.arange(20) // 10
+    save_segments(sparse / f"segments{suffix}", LineSegments(points, upward, torch.ones(20), identity))
+    assert main(["score", str(sparse / f"segments{suffix}"), str(sparse), "--json"]) == 0
+    strict = json.loads(capsys.readouterr().out)["1mm/10deg"]
+    assert strict["precision"] == 100
+    # One of nine strands, less the gap of 1/19 of its length between the two segments.
+    assert strict["recall"] == pytest.approx(100 / 9, rel=0.1)
+    # As npz the segments carry their own, upward, directions; a PLY is read as polylines, which run downwards.
+    assert strict["signed"]["precision"] == (0 if suffix == ".npz" else 100)
 
 
 @pytest.mark.parametrize(
