@@ -16,6 +16,8 @@ COMMANDS = {
     "check": "neural_strands.cli.check:Check",
     "score": "neural_strands.cli.score:Score",
     "lmvs": "neural_strands.cli.lmvs:Lmvs",
+    "render": "neural_strands.cli.render:Render",
+    "fit": "neural_strands.cli.fit:Fit",
 }
 """Each verb and the dataclass that holds its arguments."""
 

@@ -1,7 +1,7 @@
 """Fitting the appearance of strands that are given: texture Z_a, image generator, body and background colours.
 
 The step is the appearance half of the end-to-end fit (paper, "Rendering Loss"); with the true strands it is a
-benchmark of the renderer alone. Images are seen through crops about the hair: the same pixels at a fraction of the cost.
+benchmark of the renderer alone. Images are seen through crops about the hair: the same pixels, at less cost.
 """
 
 import math

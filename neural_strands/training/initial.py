@@ -13,7 +13,9 @@ from neural_strands.flow.tracing import TraceConfig, trace_strands
 from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.nearest import nearest
 from neural_strands.prior.vae import StrandPrior
+from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
 from neural_strands.training.masked_views import MaskedViews
 
@@ -49,3 +51,25 @@ def flow_latents(
     """Trace a strand from every root and encode it; returns the latents and the traced strands in world metres."""
     strands = trace_strands(field, roots.position, roots.normal, config)
     return prior.encode(to_local(strands, roots.position, roots.frame)), strands
+
+
+def texture_from_latents(
+    uv: Float[Tensor, "root 2"], latents: Float[Tensor, "root latent"], size: int, sweeps: int = 10
+) -> Float[Tensor, "{size} {size} latent"]:
+    """A texture whose bilinear samples at the roots are their latents, and whose gaps hold those of the nearest root.
+
+    Texels start as their nearest root's latent; sweeps of simultaneous algebraic reconstruction (SIRT) then take the
+    samples' error back to the four texels of each root.
+    """
+    places = torch.cartesian_prod(*(2 * [torch.arange(size, device=uv.device)])).flip(-1)
+    centres = (places + 0.5) / size
+    flat = torch.nn.functional.pad(torch.cat([uv, centres.to(uv)]), (0, 1))
+    _, nearest_root = nearest(flat[len(uv) :], flat[: len(uv)], radius=2.0)
+    texture = latents[nearest_root].reshape(size, size, -1).requires_grad_()
+    ones = torch.ones(size, size, 1, device=uv.device, requires_grad=True)
+    share = torch.autograd.grad(sample_texture(ones, uv).sum(), ones)[0].clamp(min=1e-6)
+    for _ in range(sweeps):
+        error = latents - sample_texture(texture, uv)
+        (back,) = torch.autograd.grad((sample_texture(texture, uv) * error.detach()).sum(), texture)
+        texture = (texture + back / share).detach().requires_grad_()
+    return texture.detach()

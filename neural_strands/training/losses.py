@@ -8,12 +8,12 @@ what the paper's weights become.
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.nearest import nearest
 from neural_strands.geometry.point_grid import PointGrid
-from neural_strands.geometry.signed_distance import SignedDistanceGrid
 
 
 @dataclass(frozen=True)
@@ -30,36 +30,60 @@ class ChamferConfig:
     """Whether a direction opposite to its segment's counts as wrong."""
 
 
-def geometric_loss(
+@dataclass(frozen=True)
+class OrientedTargets:
+    """The line segments as the geometric loss sees them.
+
+    Attributes:
+        points: positions, metres.
+        directions: unit tangents.
+        grid: the positions indexed for searches within `ChamferConfig.surface_radius`.
+    """
+
+    points: Float[Tensor, "y 3"]
+    directions: Float[Tensor, "y 3"]
+    grid: PointGrid
+
+
+def surface_loss(
     points: Float[Tensor, "x 3"],
     directions: Float[Tensor, "x 3"],
-    targets: Float[Tensor, "y 3"],
-    target_directions: Float[Tensor, "y 3"],
+    targets: OrientedTargets,
     config: ChamferConfig,
-    target_grid: PointGrid | None = None,
-) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
-    """Two-way Chamfer on positions and directions (paper, L_geo), as means over each side.
+) -> Float[Tensor, ""]:
+    """Generated points against their nearest segment (paper, L_geo, first sum), as a mean.
+
+    Only points near the visible surface count: hidden hair has no segment to lie on.
+    """
+    distance, index = nearest(points.detach(), targets.grid, config.surface_radius)
+    near = torch.nonzero(torch.isfinite(distance)).squeeze(1)
+    index = index[near]
+    return _mean_misfit(points[near], directions[near], targets.points[index], targets.directions[index], config)
+
+
+def coverage_loss(
+    points: Float[Tensor, "x 3"],
+    directions: Float[Tensor, "x 3"],
+    others: Float[Tensor, "other 3"],
+    targets: OrientedTargets,
+    chosen: Int64[Tensor, " target"],
+    config: ChamferConfig,
+) -> Float[Tensor, ""]:
+    """Some segment points against their nearest generated point (paper, L_geo, second sum), as a mean.
 
     Args:
-        points: generated points, metres.
+        points: generated points that carry a gradient.
         directions: their unit directions.
-        targets: points of the line segments, metres.
-        target_directions: their unit directions.
+        others: generated points that do not: a target nearest to one of them is left to another step.
+        targets: the line segments.
+        chosen: which of their points this step asks.
         config: radii and unit.
-        target_grid: the targets indexed for a radius of `surface_radius`, when many steps share them.
-
-    Returns:
-        The term of generated points near the surface, and the term of targets.
     """
-    surface = target_grid if target_grid is not None else targets
-    distance, index = nearest(points.detach(), surface, config.surface_radius)
-    near = torch.nonzero(index >= 0).squeeze(1)
-    forward = _mean_misfit(points[near], directions[near], targets[index[near]], target_directions[index[near]], config)
-    distance, index = nearest(targets, points.detach(), config.radius)
-    found = torch.nonzero(torch.isfinite(distance)).squeeze(1)
-    index = index[found]
-    backward = _mean_misfit(points[index], directions[index], targets[found], target_directions[found], config)
-    return forward, backward
+    everything = torch.cat([points.detach(), others])
+    distance, index = nearest(targets.points[chosen], everything, config.radius)
+    kept = torch.nonzero(torch.isfinite(distance) & (index < len(points))).squeeze(1)
+    index, chosen = index[kept], chosen[kept]
+    return _mean_misfit(points[index], directions[index], targets.points[chosen], targets.directions[chosen], config)
 
 
 def rendering_loss(
@@ -90,17 +114,8 @@ def head_penalty(
     The first tenth of every strand is left free: it has to leave the scalp.
     """
     free = points[:, points.shape[1] // 10 :].reshape(-1, 3)
-    depth = torch.relu(clearance - head.distance(free))
+    depth = torch.relu(clearance - head(free))
     return (depth / clearance).square().mean()
-
-
-def smoothness(
-    points: Float[Tensor, "strand point 3"], neighbours: Float[Tensor, "strand point 3"], unit: float
-) -> Float[Tensor, ""]:
-    """Mean squared difference between the shapes of neighbouring strands, seen from their roots, in `unit` metres."""
-    shape = points - points[:, :1]
-    other = neighbours - neighbours[:, :1]
-    return ((shape - other) / unit).square().sum(dim=-1).mean()
 
 
 def _mean_misfit(

@@ -35,7 +35,7 @@ def relative_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, 
 def kl_divergence(
     mean: Float[Tensor, "strand latent"], log_std: Float[Tensor, "strand latent"], free_bits: float = 0.0
 ) -> Float[Tensor, ""]:
-    """KL divergence of N(mean, std) from N(0, I), summed over the latent, mean over strands; at least `free_bits` each."""
+    """KL divergence of N(mean, std) from N(0, I), mean over strands, at least `free_bits` a latent, summed."""
     each = 0.5 * (mean.square() + (2 * log_std).exp() - 1) - log_std
     return each.mean(dim=0).clamp(min=free_bits).sum()
 

@@ -213,10 +213,8 @@ def _vae_losses(
 ) -> dict[str, Tensor]:
     """Data and KL terms of strands decoded from sampled latents."""
     decoded, mean, log_std = prior(curves, noise)
-    if weights.kind == "paper":
-        data = paper_loss(decoded, curves, weights.direction)
-    else:
-        data = relative_loss(decoded, curves)
+    paper = weights.kind == "paper"
+    data = paper_loss(decoded, curves, weights.direction) if paper else relative_loss(decoded, curves)
     return {"data": data, "kl": weights.kl * kl_divergence(mean, log_std, weights.free_bits)}
 
 

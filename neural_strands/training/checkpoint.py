@@ -1,0 +1,56 @@
+"""Checkpoints of a fit: one file, whole or absent, from which a fit goes on as if it had never stopped."""
+
+from pathlib import Path
+from pickle import UnpicklingError
+
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.training.fit import FitState
+
+
+def save_checkpoint(state: FitState, path: Path) -> None:
+    """Write what a fit needs to go on.
+
+    Raises:
+        InputError: the disk is full or cannot be written to; an older checkpoint stays.
+    """
+    learned = {name: value for name, value in state.model.state_dict().items() if not name.startswith("generator.")}
+    content = {
+        "model": learned,
+        "optimiser": state.optimiser.state_dict(),
+        "remembered": state.remembered,
+        "drawn": state.drawn,
+        "step": state.step,
+    }
+    with atomic_file(path) as temporary:
+        torch.save(content, temporary)
+
+
+def load_checkpoint(state: FitState, path: Path) -> None:
+    """Put a fit where the checkpoint left it; `state` was started with the same config.
+
+    Raises:
+        InputError: the file is not whole, is of another fit, or holds NaN.
+    """
+    device = state.remembered.device
+    try:
+        content = torch.load(path, map_location=device, weights_only=True)
+        learned = content["model"]
+        broken = [name for name, value in learned.items() if value.is_floating_point() and not value.isfinite().all()]
+        if broken:
+            raise InputError(
+                f"{path}: expected finite weights, came NaN in {broken[0]}; delete the file to start anew."
+            )
+        missing, unexpected = state.model.load_state_dict(learned, strict=False)
+        if unexpected or any(not name.startswith("generator.") for name in missing):
+            raise KeyError(f"weights {[*unexpected, *missing][:3]} do not fit")
+        state.optimiser.load_state_dict(content["optimiser"])
+        state.remembered, state.drawn = content["remembered"], content["drawn"]
+        state.step = int(content["step"])
+    except (KeyError, ValueError, RuntimeError, EOFError, OSError, UnpicklingError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
+        raise InputError(
+            f"{path}: expected this fit's checkpoint, whole, came something else ({reason}); delete it to start anew."
+        ) from error

@@ -1,0 +1,187 @@
+"""The fit: images and segments in, scalp textures and renderer out (paper, "End-to-End Optimization").
+
+Every random choice of a step is drawn from the seed, the step and the place of the view in it, so a fit that is
+resumed, or shared between processes, sees what an unbroken one sees.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.training.appearance import Observation, Perceptual
+from neural_strands.training.fit_config import FitConfig
+from neural_strands.training.fit_data import FitData, random_region
+from neural_strands.training.losses import alpha_loss, rendering_loss
+from neural_strands.training.schedule import appearance_begins, blur_width, rate_factor, released_points
+from neural_strands.training.shape import decode_some, shape_losses
+from neural_strands.training.workers import Workers
+
+REFRESH_EVERY = 10
+"""Shape steps after which all remembered strands are decoded anew, not only those of the step."""
+
+
+@dataclass
+class FitState:
+    """What changes during a fit, and all that a checkpoint holds.
+
+    Attributes:
+        model: textures, renderer and roots.
+        optimiser: Adam over everything that is learned.
+        remembered: all strands as they were last decoded, `step_points` each.
+        drawn: all strands as images see them, `model.points` each.
+        step: how many steps are done.
+    """
+
+    model: HairModel
+    optimiser: torch.optim.Adam
+    remembered: Float[Tensor, "root point 3"]
+    drawn: Float[Tensor, "root drawn_point 3"]
+    step: int = 0
+
+
+def start_fit(model: HairModel, config: FitConfig) -> FitState:
+    """Begin at step 0 from a model whose shape texture holds the first strands."""
+    rates = config.rates
+    groups = [
+        {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
+        {"params": [model.textures.appearance], "lr": rates.appearance, "rate": rates.appearance},
+        {"params": list(model.unet.parameters()), "lr": rates.network, "rate": rates.network},
+        {
+            "params": [model.body.colour, model.background.colour],
+            "lr": rates.surround,
+            "rate": rates.surround,
+        },
+    ]
+    # Texels that only a few pixels see have gradients far below Adam's usual epsilon.
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
+    with torch.no_grad():
+        return FitState(model, optimiser, model.decode(config.step_points).points, model.decode().points)
+
+
+def fit(
+    state: FitState,
+    data: FitData,
+    config: FitConfig,
+    perceptual: Perceptual | None = None,
+    workers: Workers | None = None,
+    after_step: Callable[[FitState, dict[str, float]], None] | None = None,
+) -> None:
+    """Run the remaining steps of a fit, in place.
+
+    Args:
+        state: where to go on from.
+        data: views, segments and head.
+        config: everything else.
+        perceptual: LPIPS or its stand-in; without one the rendering loss is the squared error alone.
+        workers: the processes that share the views of a step.
+        after_step: told the state and the step's figures, to log and to save.
+    """
+    workers = workers or Workers()
+    learned = [parameter for group in state.optimiser.param_groups for parameter in group["params"]]
+    images_from = appearance_begins(config.steps, config.schedule)
+    while state.step < config.steps:
+        began, step = time.perf_counter(), state.step
+        factor = rate_factor(step, config.steps, config.schedule)
+        for group in state.optimiser.param_groups:
+            group["lr"] = group["rate"] * factor
+        state.optimiser.zero_grad(set_to_none=True)
+        with_images = step >= images_from
+        shape_moves = not with_images or (step - images_from) % config.shape_every == 0
+        figures: dict[str, float] = {}
+        if shape_moves:
+            figures |= _shape_part(state, data, config, workers)
+        if with_images:
+            figures |= _image_part(state, data, config, perceptual, workers, shape_moves)
+        workers.sum_gradients(learned)
+        state.optimiser.step()
+        state.step = step + 1
+        if shape_moves:
+            _remember(state, config, everything=with_images or step % REFRESH_EVERY == 0)
+        if state.step == images_from:
+            with torch.no_grad():
+                state.drawn = state.model.decode().points
+        if after_step is not None:
+            after_step(state, figures | {"step": float(state.step), "seconds": time.perf_counter() - began})
+
+
+def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
+    """The randomness of one part of one step, the same in every run and process."""
+    return torch.Generator().manual_seed((config.seed * 1_000_003 + step) * 1_009 + place)
+
+
+def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, float]:
+    """Geometric loss and head penalty of some strands; every process computes the same and adds its share."""
+    model, device = state.model, state.remembered.device
+    random = step_generator(config, state.step, 0)
+    index = torch.randperm(len(state.remembered), generator=random)[: config.strands_per_step].to(device)
+    chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
+    blur = blur_width(state.step, config.steps, config.schedule)
+    released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
+    strands = decode_some(model, index, config.step_points, blur, released)
+    losses = shape_losses(strands, index, state.remembered, data, chosen, config)
+    total = config.weights.geometry * (losses.surface + losses.coverage) + config.weights.head * losses.head
+    (total / workers.count).backward()
+    state.remembered[index] = strands.detach()
+    return {name: float(getattr(losses, name).detach()) for name in ("surface", "coverage", "head")}
+
+
+def _image_part(
+    state: FitState,
+    data: FitData,
+    config: FitConfig,
+    perceptual: Perceptual | None,
+    workers: Workers,
+    shape_moves: bool,
+) -> dict[str, float]:
+    """Rendering and alpha losses of this process's share of the step's regions."""
+    model, weights = state.model, config.weights
+    sums = {"render": 0.0, "perceptual": 0.0, "alpha": 0.0}
+    for place in workers.share(config.views_per_step):
+        random = step_generator(config, state.step, 1 + place)
+        view = int(torch.randint(len(data.capture), (1,), generator=random))
+        target, trimap = random_region(data, view, config.crop, model.config.unet.stride, config.trimap, random)
+        points = state.drawn
+        if shape_moves and weights.shape_from_image > 0:
+            points = _with_gradient(state, target, config)
+        strands = Strands(points, root_uv=model.root_uv)
+        output = model.render(strands, target.camera)
+        parts = {
+            "render": weights.render * rendering_loss(output.rgb, target.image),
+            "alpha": weights.alpha * alpha_loss(output.alpha, trimap.alpha, trimap.supervised),
+        }
+        if perceptual is not None:
+            parts["perceptual"] = weights.render * weights.perceptual * perceptual(output.rgb, target.image)
+        (sum(parts.values(), torch.zeros((), device=points.device)) / config.views_per_step).backward()
+        for name, value in parts.items():
+            sums[name] += float(value.detach()) / config.views_per_step
+    return sums
+
+
+def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> Float[Tensor, "root point 3"]:
+    """All strands, those that the view sees decoded with a gradient (scaled) into the shape texture."""
+    model = state.model
+    body = model.body(target.camera)
+    seen = rasterise_lines(state.drawn, target.camera, body.depth, model.config.lines).segment
+    index = torch.unique(seen[seen >= 0] // (state.drawn.shape[1] - 1))
+    if len(index) == 0:
+        return state.drawn
+    decoded = decode_some(model, index, state.drawn.shape[1], 0.0, 1.0)
+    scaled = decoded.detach() + config.weights.shape_from_image * (decoded - decoded.detach())
+    return state.drawn.index_copy(0, index, scaled)
+
+
+@torch.no_grad()
+def _remember(state: FitState, config: FitConfig, everything: bool) -> None:
+    """After the shape moved: decode all strands anew, when asked to, for geometry and for images."""
+    if not everything:
+        return
+    state.drawn = state.model.decode().points
+    pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
+    state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()

@@ -1,0 +1,117 @@
+"""What a fit is told: sizes, weights, rates; and the presets that the command line names."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from neural_strands.model.hair_model import HairModelConfig
+from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.unet import UNetConfig
+from neural_strands.training.initial import InitialConfig
+from neural_strands.training.losses import ChamferConfig
+from neural_strands.training.schedule import ScheduleConfig
+from neural_strands.training.trimap import TrimapConfig
+
+Preset = Literal["demo", "fast", "paper"]
+
+
+@dataclass(frozen=True)
+class FitWeights:
+    """What each loss weighs; all losses are means (see `losses`).
+
+    The paper sums: 1 x over points, 1e-3 x over pixels. With P generated points and Q pixels a step, its weights for
+    means are 1 for geometry and 1e-3 Q / P for image and alpha.
+    """
+
+    geometry: float = 1.0
+    """Two-way Chamfer against the line segments, distances in `ChamferConfig.unit`."""
+    render: float = 1.0
+    """Squared colour error."""
+    perceptual: float = 0.1
+    """LPIPS, within the rendering loss."""
+    alpha: float = 0.1
+    """Squared opacity error on the trimap."""
+    head: float = 1.0
+    """Depth of strands inside the head."""
+    shape_from_image: float = 0.05
+    """Factor of image and alpha gradients that reach the shape texture; 0 leaves the shape to geometry."""
+
+
+@dataclass(frozen=True)
+class FitRates:
+    """Adam's learning rates before the schedule's factor."""
+
+    shape: float = 4e-3
+    """Z_g, in units of the prior's latent (about 1 across hair)."""
+    appearance: float = 1e-2
+    """Z_a."""
+    network: float = 2e-3
+    """UNet weights."""
+    surround: float = 1e-2
+    """Colours of body and background."""
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """One fit, resolved: saved beside its results and compared at resume."""
+
+    steps: int = 2400
+    """Optimisation steps in all."""
+    strands: int = 10_000
+    """Strands in the result: one a root."""
+    strands_per_step: int = 2500
+    """Strands whose shape one step updates."""
+    step_points: int = 50
+    """Points a strand in the geometric loss (the result has `model.points`)."""
+    targets_per_step: int = 60_000
+    """Points of the line segments that one step sees."""
+    crop: int = 256
+    """Side of the square image region of one step, pixels; images no larger are taken whole."""
+    views_per_step: int = 1
+    """Image regions of one step, shared out between processes."""
+    shape_every: int = 4
+    """After the geometry-only phase, every how many steps the shape moves; the others train appearance alone."""
+    hold_out_every: int = 5
+    """Every how manieth view is kept for evaluation and seen by nothing else; 0 keeps none."""
+    initialise: Literal["flow", "mean"] = "flow"
+    """First strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
+    clearance: float = 0.001
+    """Metres that strands keep from the head."""
+    seed: int = 0
+    """Seed of everything random."""
+    weights: FitWeights = field(default_factory=FitWeights)
+    """Weights of the losses."""
+    rates: FitRates = field(default_factory=FitRates)
+    """Learning rates."""
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    """Coarse to fine, root to tip, and when images begin to count."""
+    chamfer: ChamferConfig = field(default_factory=ChamferConfig)
+    """The geometric loss."""
+    trimap: TrimapConfig = field(default_factory=TrimapConfig)
+    """The alpha loss."""
+    initial: InitialConfig = field(default_factory=InitialConfig)
+    """First strands."""
+    model: HairModelConfig = field(default_factory=HairModelConfig)
+    """Textures, UNet, body and background."""
+
+
+def preset(name: Preset) -> FitConfig:
+    """The settings behind a name: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU."""
+    small = HairModelConfig(
+        textures=ScalpTextureConfig(shape_size=128, appearance_size=256), unet=UNetConfig(widths=(12, 24, 32))
+    )
+    configs = {
+        "demo": FitConfig(steps=500, strands=6000, strands_per_step=2000, step_points=40, crop=192, model=small),
+        "fast": FitConfig(),
+        "paper": replace(
+            FitConfig(),
+            steps=12_000,
+            strands=30_000,
+            strands_per_step=6000,
+            step_points=100,
+            targets_per_step=200_000,
+            crop=1024,
+            shape_every=2,
+            model=HairModelConfig(unet=UNetConfig(widths=(32, 64, 96, 128))),
+        ),
+    }
+    return configs[name]

@@ -1,0 +1,104 @@
+"""What a fit looks at: the training views one at a time, the line segments, the head."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.capture.capture import Capture
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.scalp.head import Head
+from neural_strands.training.appearance import Observation, random_crop
+from neural_strands.training.losses import OrientedTargets
+from neural_strands.training.trimap import Trimap, TrimapConfig, make_trimap
+
+FEWEST_VIEWS = 3
+FEWEST_SEGMENT_POINTS = 500
+FARTHEST_FROM_HEAD = 0.25
+"""Median distance in metres from segments to scalp beyond which they cannot be this head's hair."""
+
+
+@dataclass(frozen=True)
+class FitData:
+    """The inputs of a fit, on its device; images stay on disk until a step asks for them.
+
+    Attributes:
+        capture: the training views alone.
+        head: mesh and scalp chart.
+        segments: oriented line segments.
+        targets: their points, indexed for the geometric loss.
+        distance: signed distance to the head, on a grid around the hair.
+    """
+
+    capture: Capture
+    head: Head
+    segments: LineSegments
+    targets: OrientedTargets
+    distance: SignedDistanceGrid
+
+    def observation(self, view: int) -> Observation:
+        """A training view: camera, photograph, hair mask if there is one."""
+        device = self.segments.points.device
+        mask = self.capture.hair_mask(view)
+        return Observation(
+            self.capture.cameras[view].to(device),
+            self.capture.image(view).to(device),
+            None if mask is None else mask.to(device),
+        )
+
+    def trimap(self, target: Observation, config: TrimapConfig) -> Trimap:
+        """Sure hair and sure emptiness of a view, from its mask or, without one, from the rasterised segments."""
+        if target.mask is not None:
+            return make_trimap(target.mask > 0.5, config)
+        drawn = rasterise_lines(segment_lines(self.segments), target.camera)
+        return make_trimap(drawn.segment >= 0, config)
+
+
+def random_region(
+    data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
+) -> tuple[Observation, Trimap]:
+    """A random square of a training view with its trimap; centred on hair, or anywhere where no hair is marked."""
+    whole = data.observation(view)
+    marked = data.trimap(whole, trimap)
+    # The crop carries the trimap in the mask's place: -1 where nothing is known.
+    coded = torch.where(marked.supervised, marked.alpha, -1.0)
+    part = random_crop(Observation(whole.camera, whole.image, coded), side, stride, random)
+    if part.mask is None:
+        raise ValueError("a crop lost its trimap")
+    return part, Trimap(part.mask.clamp(min=0.0), part.mask >= 0)
+
+
+def segment_lines(segments: LineSegments) -> Float[Tensor, "line 2 3"]:
+    """Every two consecutive points of a segment, as a strand of two points."""
+    together = segments.segment_id[1:] == segments.segment_id[:-1]
+    return torch.stack([segments.points[:-1][together], segments.points[1:][together]], dim=1)
+
+
+def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
+    """Refuse what no fit can come of.
+
+    Raises:
+        InputError: too few views or segments, or segments that are not this head's hair.
+    """
+    if len(capture) < FEWEST_VIEWS:
+        raise InputError(
+            f"{capture.folder}: expected at least {FEWEST_VIEWS} training views, came {len(capture)}; "
+            "take more photographs around the head."
+        )
+    if len(segments) < FEWEST_SEGMENT_POINTS:
+        raise InputError(
+            f"{capture.folder}: expected {FEWEST_SEGMENT_POINTS} segment points or more, came {len(segments)}; "
+            "check focus, masks and cameras with `neural-strands check`."
+        )
+    scalp = head.mesh.vertices[head.mesh.faces[head.scalp_faces]].mean(dim=1)
+    sample = segments.points[:: max(1, len(segments) // 2000)]
+    distance = float(torch.cdist(sample, scalp).amin(dim=1).median())
+    if not distance < FARTHEST_FROM_HEAD:
+        raise InputError(
+            f"{capture.folder}: expected hair within {FARTHEST_FROM_HEAD:g} m of the scalp, came a median of "
+            f"{distance:.2f} m; the head is not in the frame of these cameras: align or scale it."
+        )

@@ -1,0 +1,80 @@
+"""What a fit leaves behind: the model, the groom for other programs, a preview."""
+
+from pathlib import Path
+
+import cv2
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.nearest import nearest
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import write_groom
+from neural_strands.model.files import save_hair_model
+from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.training.fit_data import FitData
+from neural_strands.training.run_folder import RunFolder
+
+HAIR_WIDTH = 7e-5
+"""Thickness written for every strand, metres: a typical human hair."""
+
+
+@torch.no_grad()
+def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dict[str, str]) -> Strands:
+    """Write the model and the groom of a fit, finished or stopped; returns the strands.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    strands = model.decode()
+    coloured = Strands(
+        strands.points.cpu(),
+        root_uv=model.root_uv.cpu(),
+        root_normal=model.root_frame[:, :, 2].cpu(),
+        width=torch.full(strands.points.shape[:2], HAIR_WIDTH),
+        color=strand_colours(strands, data).cpu(),
+    )
+    save_hair_model(model, folder.model, notes)
+    for path in (folder.groom, folder.groom_arrays):
+        write_groom(path, Groom.from_strands(coloured))
+    return coloured
+
+
+@torch.no_grad()
+def strand_colours(strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
+    """Linear RGB of each strand: mean of the pixels that see it; a strand that none sees takes its neighbour's."""
+    points = strands.points
+    total, count = points.new_zeros(len(points), 3), points.new_zeros(len(points))
+    for view in range(len(data.capture)):
+        target = data.observation(view)
+        buffer = rasterise_lines(points, target.camera)
+        seen = buffer.segment.reshape(-1) >= 0
+        strand = buffer.segment.reshape(-1)[seen] // (points.shape[1] - 1)
+        total.index_add_(0, strand, srgb_to_linear(target.image.reshape(-1, 3)[seen]))
+        count.index_add_(0, strand, torch.ones_like(strand, dtype=points.dtype))
+    known = count > 0
+    if not known.any():
+        return torch.full_like(total, 0.2)
+    colours = total / count.clamp(min=1)[:, None]
+    roots = points[:, 0]
+    _, index = nearest(roots[~known], roots[known], radius=1.0)
+    colours[~known] = colours[known][index.clamp(min=0)]
+    return colours
+
+
+@torch.no_grad()
+def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
+    """A training view as the model renders it now, beside its photograph."""
+    target = data.observation(0)
+    output = model.render(Strands(points, root_uv=model.root_uv), target.camera)
+    side_by_side = torch.cat([output.rgb, target.image], dim=1).clamp(0, 1).mul(255).round().byte().cpu().numpy()
+    with atomic_file(path) as temporary:
+        cv2.imwrite(str(temporary), side_by_side[..., ::-1])
+
+
+def srgb_to_linear(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """Undo the sRGB transfer curve (IEC 61966-2-1)."""
+    return torch.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055).clamp(min=0) ** 2.4)

@@ -1,0 +1,217 @@
+"""One fit from start to end: segments, first strands, steps, checkpoints, results."""
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from neural_strands.capture.capture import Capture
+from neural_strands.evaluation.lpips import find_lpips
+from neural_strands.evaluation.structural_loss import structural_loss
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.lmvs.files import load_segments, save_segments
+from neural_strands.prior.vae import load_prior
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.load import load_head
+from neural_strands.training.appearance import Perceptual
+from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
+from neural_strands.training.fit import FitState, fit
+from neural_strands.training.fit_config import FitConfig
+from neural_strands.training.fit_data import FitData
+from neural_strands.training.outputs import write_outputs, write_preview
+from neural_strands.training.prepare import begin, prepare, training_views
+from neural_strands.training.run_folder import RunDescription, RunFolder, check_same, fingerprint, write_description
+from neural_strands.training.segments import find_segments
+from neural_strands.training.workers import Workers
+
+CHECKPOINT_SECONDS = 60.0
+PREVIEW_SECONDS = 120.0
+
+
+@dataclass(frozen=True)
+class FitRequest:
+    """What to fit and where to put it.
+
+    Attributes:
+        capture: folder of the capture.
+        out: folder of the run.
+        head: head file that replaces the capture's, if any.
+        segments: line segments of the training views, if they are already there.
+        resume: go on with the run in `out`.
+        minutes: end after about this many minutes of steps, if set.
+    """
+
+    capture: Path
+    out: Path
+    head: Path | None = None
+    segments: Path | None = None
+    resume: bool = False
+    minutes: float | None = None
+
+
+class RunLog:
+    """Figures of every step, one JSON object a line; lines past the step that a run resumes from are dropped."""
+
+    def __init__(self, path: Path, step: int) -> None:
+        """Open for a run that has done `step` steps."""
+        kept = path.read_text(encoding="utf-8").splitlines()[:step] if path.is_file() and step else []
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("w", encoding="utf-8")
+        self._file.writelines(line + "\n" for line in kept)
+
+    def add(self, figures: dict[str, float]) -> None:
+        """Append one step."""
+        self._file.write(json.dumps({name: round(value, 6) for name, value in figures.items()}) + "\n")
+
+    def flush(self) -> None:
+        """Put what was added on disk."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """End the log."""
+        self._file.close()
+
+
+def run_fit(
+    request: FitRequest,
+    config: FitConfig,
+    device: torch.device,
+    say: Callable[[str], None],
+    track: Callable[[Iterable, str, int], Iterable],
+) -> FitState:
+    """Fit a capture into a folder.
+
+    Args:
+        request: what and where.
+        config: settings; those of a resumed run must be the same.
+        device: where to compute.
+        say: told one sentence at each stage.
+        track: shows progress of a loop, given the items, a description and their number.
+
+    Raises:
+        InputError: anything about the input that no fit can come of; what was there before stays.
+    """
+    workers = Workers.join(device)
+    folder = RunFolder(request.out)
+    capture = Capture.load(request.capture)
+    head = find_head(capture, request.head)
+    described = RunDescription(str(request.capture), str(request.head or ""), fingerprint(capture), config)
+    going_on = request.resume and folder.description.is_file()
+    if going_on:
+        check_same(folder, described)
+    elif folder.description.is_file():
+        raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
+    elif workers.leads:
+        write_description(folder, described)
+    segments = _segments(request, folder, capture, head, config, say, track)
+    data = prepare(capture, head, segments, config, device)
+    say(f"{len(segments)} segment points; tracing first strands")
+    state = begin(data, load_prior(device=device), config)
+    if going_on and folder.checkpoint.is_file():
+        load_checkpoint(state, folder.checkpoint)
+        say(f"going on from step {state.step} of {config.steps}")
+    try:
+        _steps(state, data, config, request, folder, workers, say, track)
+    finally:
+        if workers.leads:
+            save_checkpoint(state, folder.checkpoint)
+            write_outputs(folder, state.model, data, {"capture": str(request.capture), "step": str(state.step)})
+        workers.close()
+    return state
+
+
+def find_head(capture: Capture, given: Path | None) -> Head:
+    """The head that was given, or the capture's own with its scalp faces.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if given is not None:
+        return load_head(given)
+    if capture.head_path is None:
+        raise InputError(
+            f"{capture.folder}: expected head.obj (the head in the cameras' frame, metres), found none; "
+            "put one there or name it with --head."
+        )
+    faces = capture.folder / "scalp_faces.json"
+    return load_head(capture.head_path, faces if faces.is_file() else None, scale=1.0)
+
+
+def perceptual_loss(device: torch.device, say: Callable[[str], None]) -> Perceptual:
+    """LPIPS where its weights can be had, the structural loss otherwise."""
+    metric, reason = find_lpips("squeeze", device)
+    if metric is not None:
+        return metric
+    say(f"{reason}; training uses the structural loss instead")
+    return structural_loss
+
+
+def _segments(
+    request: FitRequest,
+    folder: RunFolder,
+    capture: Capture,
+    head: Head,
+    config: FitConfig,
+    say: Callable[[str], None],
+    track: Callable[[Iterable, str, int], Iterable],
+) -> LineSegments:
+    """Segments that were given, or those of this run, or new ones from the training views."""
+    if request.segments is not None:
+        return load_segments(request.segments)
+    if not folder.segments.is_file():
+        say("line-based multi-view stereo over the training views")
+        seen = capture.subset(training_views(capture, config))
+        found = find_segments(seen, head.mesh, config.seed, folder.path / "lmvs", track)
+        save_segments(folder.segments, found)
+    return load_segments(folder.segments)
+
+
+def _steps(
+    state: FitState,
+    data: FitData,
+    config: FitConfig,
+    request: FitRequest,
+    folder: RunFolder,
+    workers: Workers,
+    say: Callable[[str], None],
+    track: Callable[[Iterable, str, int], Iterable],
+) -> None:
+    """The loop with everything that happens now and then around it."""
+    perceptual = perceptual_loss(state.remembered.device, say)
+    log = RunLog(folder.log, state.step) if workers.leads else None
+    ends = time.monotonic() + 60 * request.minutes if request.minutes is not None else None
+    saved = shown = time.monotonic()
+    bar = iter(track(range(state.step, config.steps), "fitting", config.steps - state.step))
+
+    def after_step(now: FitState, figures: dict[str, float]) -> None:
+        nonlocal saved, shown
+        next(bar, None)
+        if log is None:
+            return
+        log.add(figures)
+        clock = time.monotonic()
+        if clock - saved > CHECKPOINT_SECONDS:
+            log.flush()
+            save_checkpoint(now, folder.checkpoint)
+            saved = clock
+        if clock - shown > PREVIEW_SECONDS:
+            write_preview(folder.preview, now.model, now.drawn, data)
+            shown = clock
+        if ends is not None and clock > ends:
+            raise _TimeIsUp
+
+    try:
+        fit(state, data, config, perceptual, workers, after_step)
+    except _TimeIsUp:
+        say(f"stopped after {request.minutes:g} minutes at step {state.step} of {config.steps}; --resume goes on")
+    finally:
+        if log is not None:
+            log.close()
+
+
+class _TimeIsUp(Exception):
+    """The minutes that were asked for have passed."""

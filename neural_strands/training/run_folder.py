@@ -1,0 +1,152 @@
+"""The folder of a fit: what is where, and whether it belongs to this capture and these settings."""
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from neural_strands import __version__
+from neural_strands.capture.capture import Capture
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.model.files import from_plain
+from neural_strands.training.fit_config import FitConfig
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths inside one run.
+
+    Attributes:
+        path: the folder, `RUN`.
+    """
+
+    path: Path
+
+    @property
+    def description(self) -> Path:
+        """Settings and capture of the run."""
+        return self.path / "run.json"
+
+    @property
+    def segments(self) -> Path:
+        """Line segments that the fit used."""
+        return self.path / "segments.npz"
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where the fit goes on from."""
+        return self.path / "checkpoint.pt"
+
+    @property
+    def log(self) -> Path:
+        """One JSON object a step."""
+        return self.path / "log.jsonl"
+
+    @property
+    def model(self) -> Path:
+        """The hair model that renders."""
+        return self.path / "model"
+
+    @property
+    def groom(self) -> Path:
+        """The strands, for Blender and other programs."""
+        return self.path / "groom.usd"
+
+    @property
+    def groom_arrays(self) -> Path:
+        """The strands, for Python: points, root uv, colour."""
+        return self.path / "groom.npz"
+
+    @property
+    def preview(self) -> Path:
+        """How a training view looks now, beside its photograph."""
+        return self.path / "preview.png"
+
+    @property
+    def report(self) -> Path:
+        """The page of figures and pictures that `evaluate` writes."""
+        return self.path / "report"
+
+
+@dataclass(frozen=True)
+class RunDescription:
+    """What `run.json` holds.
+
+    Attributes:
+        capture: folder of the capture.
+        head: head file that was given, or empty.
+        fingerprint: digest of the capture's calibration and image sizes in bytes.
+        config: resolved settings.
+    """
+
+    capture: str
+    head: str
+    fingerprint: str
+    config: FitConfig
+
+
+def write_description(folder: RunFolder, description: RunDescription) -> None:
+    """Save what a run is.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    plain = {"format": FORMAT, "version": __version__, **dataclasses.asdict(description)}
+    with atomic_file(folder.description) as temporary:
+        temporary.write_text(json.dumps(plain, indent=2) + "\n", encoding="utf-8")
+
+
+def read_description(folder: RunFolder) -> RunDescription:
+    """Read what a run is.
+
+    Raises:
+        InputError: there is no run in the folder, or its description is broken.
+    """
+    path = folder.description
+    if not path.is_file():
+        raise InputError(f"{folder.path}: expected the folder of a fit, found no {path.name}; run `fit` first.")
+    try:
+        plain = json.loads(path.read_text(encoding="utf-8"))
+        config = from_plain(FitConfig, plain["config"])
+        return RunDescription(plain["capture"], plain["head"], plain["fingerprint"], config)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: expected the description of a fit, came something else ({error}).") from error
+
+
+def check_same(folder: RunFolder, wanted: RunDescription) -> None:
+    """Refuse to go on with another capture or other settings than the run began with.
+
+    Raises:
+        InputError: one sentence that names what differs.
+    """
+    stored = read_description(folder)
+    if stored.fingerprint != wanted.fingerprint:
+        raise InputError(
+            f"{folder.path}: the capture {wanted.capture} has changed since this run began (cameras or images); "
+            "restore it, or fit into a new folder."
+        )
+    if stored.config != wanted.config:
+        ours, theirs = dataclasses.asdict(wanted.config), dataclasses.asdict(stored.config)
+        name = next(name for name in ours if ours[name] != theirs[name])
+        raise InputError(
+            f"{folder.path}: this run began with {name} = {theirs[name]}, came {ours[name]}; "
+            "give the settings it began with, or fit into a new folder."
+        )
+
+
+def fingerprint(capture: Capture) -> str:
+    """Digest of the cameras and of the size in bytes of every image and mask; no image is decoded."""
+    digest = hashlib.sha256()
+    for view in capture.views:
+        camera = view.camera
+        digest.update(f"{camera.name} {camera.width} {camera.height}".encode())
+        digest.update(camera.intrinsics.double().numpy().tobytes())
+        digest.update(camera.world_to_camera.double().numpy().tobytes())
+        for path in (view.image_path, view.hair_mask_path):
+            size = path.stat().st_size if path is not None and path.is_file() else 0
+            digest.update(str(size).encode())
+    return digest.hexdigest()

@@ -1,0 +1,59 @@
+"""Line segments of a capture, by line-based multi-view stereo."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.capture.capture import Capture
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs.growth import GrowthConfig, orient_segments
+from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+from neural_strands.lmvs.views import View
+
+
+def find_segments(
+    capture: Capture,
+    head: Mesh,
+    seed: int,
+    work: Path,
+    track: Callable[[Iterable, str, int], Iterable],
+) -> LineSegments:
+    """Segments of these views, signed from root to tip.
+
+    Args:
+        capture: the views that may be seen.
+        head: the head in the cameras' frame.
+        seed: of every random choice.
+        work: folder where finished views are kept, so that a stopped run goes on.
+        track: shows progress of a loop.
+    """
+    random = torch.Generator().manual_seed(seed)
+    found = reconstruct(capture_views(capture), head, LmvsConfig(), random, work, track)
+    return orient_segments(found, head, [], GrowthConfig())
+
+
+def capture_views(capture: Capture) -> list[View]:
+    """The capture's photographs as line-based stereo takes them: nothing is read before its turn."""
+    return [
+        View(camera, partial(capture.image, index), _mask_loader(capture, index))
+        for index, camera in enumerate(capture.cameras)
+    ]
+
+
+def _mask_loader(capture: Capture, index: int) -> Callable[[], Float[Tensor, "height width"]] | None:
+    """How to read a view's hair mask, if it has one."""
+    if capture.views[index].hair_mask_path is None:
+        return None
+
+    def load() -> Float[Tensor, "height width"]:
+        mask = capture.hair_mask(index)
+        if mask is None:
+            raise ValueError(f"view {index} lost its mask")
+        return mask
+
+    return load

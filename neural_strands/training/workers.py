@@ -1,0 +1,55 @@
+"""Data parallel over processes: each takes its share of a step's views, and gradients are averaged."""
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import torch
+from torch import distributed
+from torch.nn import Parameter
+
+
+@dataclass(frozen=True)
+class Workers:
+    """The processes of one fit; `torchrun` starts them, a single process is a group of one.
+
+    Attributes:
+        rank: which process this is.
+        count: how many there are.
+    """
+
+    rank: int = 0
+    count: int = 1
+
+    @classmethod
+    def join(cls, device: torch.device) -> "Workers":
+        """Join the group that torchrun's environment describes, if there is one."""
+        count = int(os.environ.get("WORLD_SIZE", "1"))
+        if count == 1:
+            return cls()
+        if not distributed.is_initialized():
+            distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
+        return cls(distributed.get_rank(), distributed.get_world_size())
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process writes files."""
+        return self.rank == 0
+
+    def share(self, items: int) -> range:
+        """Which of a step's items are this process's; every item is somebody's."""
+        return range(self.rank, items, self.count)
+
+    def sum_gradients(self, parameters: Iterable[Parameter]) -> None:
+        """Add up the gradients of all processes, where any has one."""
+        if self.count == 1:
+            return
+        for parameter in parameters:
+            gradient = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
+            distributed.all_reduce(gradient)
+            parameter.grad = gradient
+
+    def close(self) -> None:
+        """Leave the group."""
+        if self.count > 1:
+            distributed.destroy_process_group()
