@@ -16,6 +16,9 @@ COMMANDS = {
     "check": "neural_strands.cli.check:Check",
     "score": "neural_strands.cli.score:Score",
     "lmvs": "neural_strands.cli.lmvs:Lmvs",
+    "train-prior": "neural_strands.cli.train_prior:TrainPrior",
+    "prior-report": "neural_strands.cli.prior_report:PriorReport",
+    "prior-traverse": "neural_strands.cli.prior_traverse:PriorTraverse",
     "render": "neural_strands.cli.render:Render",
     "fit": "neural_strands.cli.fit:Fit",
 }

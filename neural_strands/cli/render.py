@@ -1,0 +1,144 @@
+"""`neural-strands render`: images or a video of a fitted model."""
+
+import json as json_module
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.progress import track
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from neural_strands.geometry.cameras import Camera
+    from neural_strands.geometry.strands import Strands
+    from neural_strands.model.hair_model import HairModel
+
+VIDEO_SUFFIXES = (".mp4",)
+"""Suffixes of --out that mean a video."""
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render a fitted model from given cameras, or all round.
+
+    The strands are decoded once. Images are PNG, named as the cameras are; a video is MPEG-4.
+    """
+
+    model: Annotated[Path, tyro.conf.Positional]
+    """Folder of the model, as fit wrote it."""
+    out: Path
+    """Folder of the images, or a .mp4 file."""
+    camera: Path | None = None
+    """A transforms.json with the cameras (nerfstudio's format, OpenGL axes)."""
+    turntable: int | None = None
+    """Instead: this many cameras on a circle about the hair."""
+    size: tuple[int, int] | None = None
+    """Width and height in pixels. Default: the cameras' own, or 512 512 on the turntable."""
+    alpha: bool = False
+    """Hair alone, with its opacity in the alpha channel, instead of hair over body over background."""
+    points: int | None = None
+    """Points a strand. Default: the model's own."""
+    fps: float = 30.0
+    """Frames a second of a video."""
+    device: DeviceName = "auto"
+    """Where to compute."""
+    json: bool = False
+    """Print one JSON object instead of a sentence."""
+
+    def run(self) -> None:
+        """Decode, render, write."""
+        import torch
+
+        from neural_strands.model.files import load_hair_model
+
+        self._check()
+        model = load_hair_model(self.model, pick_device(self.device)).eval()
+        begin = time.perf_counter()
+        with torch.inference_mode():
+            strands = model.decode(self.points)
+            cameras = self._cameras(strands)
+            with self._writer(cameras[0]) as write:
+                for camera in track(cameras, "rendering"):
+                    write(camera.name, self._frame(model, strands, camera))
+        result = {
+            "frames": len(cameras),
+            "seconds": round(time.perf_counter() - begin, 2),
+            "out": str(self.out),
+        }
+        sentence = "{frames} frames in {seconds} s: {out}\n".format(**result)
+        sys.stdout.write(json_module.dumps(result) + "\n" if self.json else sentence)
+
+    def _check(self) -> None:
+        """Refuse arguments that contradict each other, before anything is loaded."""
+        if (self.camera is None) == (self.turntable is None):
+            raise InputError("render: expected either --camera or --turntable, came both or neither; give one.")
+        if self.turntable is not None and self.turntable < 1:
+            raise InputError(f"--turntable: expected at least one camera, came {self.turntable}.")
+        if self.size is not None and not all(1 <= side <= 16384 for side in self.size):
+            raise InputError(f"--size: expected width and height from 1 to 16384 pixels, came {self.size}.")
+        if self.points is not None and self.points < 2:
+            raise InputError(f"--points: expected at least 2 points a strand, came {self.points}.")
+        if self.alpha and self.out.suffix.lower() in VIDEO_SUFFIXES:
+            raise InputError(
+                f"{self.out}: a video has no alpha channel; name a folder for --out, or leave out --alpha."
+            )
+
+    def _cameras(self, strands: "Strands") -> "list[Camera]":
+        from neural_strands.capture.transforms import read_transforms
+        from neural_strands.model.turntable import turntable_cameras
+
+        if self.camera is None:
+            return turntable_cameras(strands.points, self.turntable or 1, self.size or (512, 512))
+        if not self.camera.is_file():
+            raise InputError(f"{self.camera}: expected a transforms.json with cameras, found no file.")
+        cameras = [view.camera for view in read_transforms(self.camera)]
+        return cameras if self.size is None else [camera.resized(*self.size) for camera in cameras]
+
+    def _frame(self, model: "HairModel", strands: "Strands", camera: "Camera") -> "np.ndarray":
+        """One frame as 8-bit BGR, or BGRA with `alpha`."""
+        import torch
+
+        output = model.render(strands, camera)
+        image = torch.cat([output.hair_rgb, output.alpha[..., None]], dim=-1) if self.alpha else output.rgb
+        order = [2, 1, 0, 3] if self.alpha else [2, 1, 0]
+        return image[..., order].clamp(0, 1).mul(255).round().byte().cpu().numpy()
+
+    @contextmanager
+    def _writer(self, first: "Camera") -> "Iterator[Callable[[str, np.ndarray], None]]":
+        """A function that takes the frames one by one, and puts them where `out` says."""
+        import cv2
+
+        if self.out.suffix.lower() not in VIDEO_SUFFIXES:
+
+            def write_image(name: str, frame: "np.ndarray") -> None:
+                with atomic_file(self.out / f"{Path(name).stem}.png") as temporary:
+                    cv2.imwrite(str(temporary), frame)
+
+            yield write_image
+            return
+        with atomic_file(self.out) as temporary:
+            # The codec asks for even sides: one column or row may be dropped.
+            size = (max(first.width // 2 * 2, 2), max(first.height // 2 * 2, 2))
+            video = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), self.fps, size)
+            if not video.isOpened():
+                raise InputError(
+                    f"{self.out}: expected an MPEG-4 encoder in OpenCV, found none; name a folder instead."
+                )
+
+            def write_frame(_: str, frame: "np.ndarray") -> None:
+                video.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
+
+            try:
+                yield write_frame
+            finally:
+                video.release()

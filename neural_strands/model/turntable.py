@@ -1,0 +1,48 @@
+"""Cameras for a look all round the hair."""
+
+import math
+
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+
+FIELD_OF_VIEW = math.radians(25.0)
+"""Angle that the shorter side of the image sees."""
+ROOM = 1.25
+"""Radius of the ball that fits into the image, in radii of the hair."""
+FARTHEST = 0.98
+"""Share of the points that has to lie in that ball: single flyaway strands may leave the image."""
+
+
+def turntable_cameras(
+    points: Float[Tensor, "strand point 3"], count: int, size: tuple[int, int], elevation: float = 0.15
+) -> list[Camera]:
+    """Cameras on a level circle about the hair, the first one in front (+z), then towards +x.
+
+    Args:
+        points: strands in world metres.
+        count: cameras, evenly spaced over the whole turn.
+        size: image width and height in pixels.
+        elevation: height of the circle above the centre, radians.
+
+    Raises:
+        InputError: no point to look at.
+    """
+    flat = points.reshape(-1, 3)
+    flat = flat[flat.isfinite().all(dim=1)]
+    if len(flat) == 0:
+        raise InputError("--turntable: expected a model with strands to turn about, found none; use --camera.")
+    centre = 0.5 * (flat.min(dim=0).values + flat.max(dim=0).values)
+    distance = (flat - centre).norm(dim=1)
+    radius = float(distance.sort().values[int(FARTHEST * (len(distance) - 1))])
+    away = ROOM * max(radius, 1e-3) / math.sin(FIELD_OF_VIEW / 2)
+    focal = 0.5 * min(size) / math.tan(FIELD_OF_VIEW / 2)
+    cameras = []
+    for index in range(count):
+        turn = 2 * math.pi * index / count
+        level = math.cos(elevation)
+        offset = centre.new_tensor([level * math.sin(turn), math.sin(elevation), level * math.cos(turn)])
+        cameras.append(Camera.look_at(centre + away * offset, centre, focal, size, f"{index:04d}"))
+    return cameras

@@ -1,0 +1,110 @@
+"""`render`, run as a user runs it on a small model."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from neural_strands.cli.main import main
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.files import load_hair_model, save_hair_model
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.turntable import turntable_cameras
+from neural_strands.model.unet import UNetConfig
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.scalp.roots import Roots
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """A model of 40 strands on a disc, without a body."""
+    random = torch.Generator().manual_seed(0)
+    position = torch.rand(40, 3, generator=random) * torch.tensor([0.1, 0.0, 0.1])
+    frame = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]).T.expand(40, 3, 3).contiguous()
+    config = HairModelConfig(
+        ScalpTextureConfig(shape_size=4, appearance_size=4, appearance_channels=2),
+        UNetConfig(widths=(4, 4)),
+        SurroundConfig(background_texture=4),
+        points=8,
+    )
+    nobody = Mesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64))
+    roots = Roots(position, position[:, [0, 2]] * 10, frame, torch.zeros(40))
+    save_hair_model(HairModel(config, roots, StrandGenerator(), nobody, random), tmp_path / "hair")
+    return tmp_path / "hair"
+
+
+def transforms(folder):
+    frame = {"file_path": "images/left.png", "transform_matrix": np.diag([1.0, 1, 1, 1]).tolist()}
+    frame["transform_matrix"][2][3] = 1.0
+    path = folder / "transforms.json"
+    path.write_text(json.dumps({"w": 31, "h": 20, "fl_x": 60.0, "frames": [frame]}))
+    return path
+
+
+def test_given_cameras_give_images_of_their_names_and_sizes(saved, tmp_path, capsys):
+    out = tmp_path / "views"
+    assert main(["render", str(saved), "--camera", str(transforms(tmp_path)), "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 1
+    assert [path.name for path in out.iterdir()] == ["left.png"]
+    picture = cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (20, 31, 3)
+
+
+def test_alpha_is_that_of_the_hair(saved, tmp_path):
+    out = tmp_path / "views"
+    words = ["--turntable", "2", "--size", "48", "40", "--alpha", "--out", str(out)]
+    assert main(["render", str(saved), *words]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["0000.png", "0001.png"]
+    picture = cv2.imread(str(out / "0001.png"), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (40, 48, 4)
+    model = load_hair_model(saved)
+    with torch.no_grad():
+        strands = model.decode()
+        output = model.render(strands, turntable_cameras(strands.points, 2, (48, 40))[1])
+    np.testing.assert_allclose(picture[..., 3], 255 * output.alpha.numpy(), atol=0.51)
+
+
+def test_a_video_has_every_frame(saved, tmp_path):
+    out = tmp_path / "turn.mp4"
+    assert main(["render", str(saved), "--turntable", "5", "--size", "65", "48", "--out", str(out)]) == 0
+    video = cv2.VideoCapture(str(out))
+    shapes = []
+    while (read := video.read())[0]:
+        shapes.append(read[1].shape)
+    assert shapes == [(48, 64, 3)] * 5
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--out", "x"], "either --camera or --turntable"),
+        (["--out", "x", "--turntable", "0"], "at least one camera"),
+        (["--out", "x.mp4", "--turntable", "1", "--alpha"], "no alpha channel"),
+        (["--out", "x", "--turntable", "1", "--size", "0", "5"], "--size"),
+        (["--out", "x", "--turntable", "1", "--points", "1"], "--points"),
+        (["--out", "x", "--camera", "nowhere.json"], "found no file"),
+    ],
+)
+def test_bad_arguments_are_one_sentence(saved, capsys, words, message, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", str(saved), *words]) == 2
+    output = capsys.readouterr()
+    assert message in output.err
+    assert output.err.count("\n") == 1
+    assert not (tmp_path / "x").exists()
+
+
+def test_turntable_sees_all_points_and_begins_in_front():
+    points = torch.rand(50, 4, 3, generator=torch.Generator().manual_seed(1)) - 0.5
+    cameras = turntable_cameras(points, 8, (64, 48))
+    assert cameras[0].position[2] > points[..., 2].max()
+    assert cameras[2].position[0] > points[..., 0].max()
+    for camera in cameras:
+        pixels, depth = camera.project(points)
+        assert (depth > 0).all()
+        inside = ((pixels > 0) & (pixels < torch.tensor([64, 48]))).all(dim=-1)
+        assert inside.float().mean() > 0.97
