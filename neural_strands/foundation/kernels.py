@@ -4,10 +4,13 @@ Warp runs a kernel on one CPU thread. A kernel whose threads write only their ow
 first index as its first argument (`start`) and adds it to `wp.tid()`. Kernels that use atomics must not be split.
 """
 
+import contextlib
 import functools
 import itertools
 import logging
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -25,7 +28,22 @@ SMALLEST_SHARE = 1024
 def start_warp() -> None:
     """Initialise Warp once, its log kept to errors: it writes to standard output, where results belong."""
     wp.config.log_level = logging.ERROR
-    wp.init()
+    with _silent_stderr() if not torch.cuda.is_available() else contextlib.nullcontext():
+        wp.init()
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Keep Warp's native library from telling every user without an NVIDIA driver that there is none."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def array(tensor: Tensor, dtype: Any = None) -> wp.array:
