@@ -22,7 +22,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.progress import progress_bar
 from neural_strands.prior.analysis import analyse
-from neural_strands.prior.curves import CurveConfig
+from neural_strands.prior.curves import CurveConfig, synthetic_curves
 from neural_strands.prior.encoder import EncoderConfig
 from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.vae import StrandPrior, save_prior
@@ -136,7 +136,7 @@ def train_prior(
     weights = seeded(seed, 2)
     prior = _initialised(config, weights).to(device)
     stream = CurveStream(seed, config.curves, own, config.own_share, config.steps_a_chunk, lambda curves: curves[:, :0])
-    held_out = stream.draw(HELD_OUT, 3).to(device)
+    held_out = held_out_curves(seed, config.curves).to(device)
     checkpoint = out.with_suffix(".checkpoint.pt")
     run = _Run(prior, _optimiser(prior, config, 0))
     if resume:
@@ -162,6 +162,11 @@ def train_prior(
     final = {"held_out_mm": held_out_error(prior, held_out), "seconds": round(time.monotonic() - began, 1)}
     _log(out, run, final)
     return prior
+
+
+def held_out_curves(seed: int, config: CurveConfig) -> Float[Tensor, "strand 100 3"]:
+    """Synthetic curves that a run with this seed never trains on."""
+    return synthetic_curves(HELD_OUT, seeded(seed, 3), config)
 
 
 @torch.no_grad()

@@ -1,0 +1,130 @@
+"""`neural-strands prior-report`: how well the strand prior reproduces the strands of grooms."""
+
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from neural_strands.cli.device import DeviceName, pick_device, seeded
+from neural_strands.foundation.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from neural_strands.prior.errors import ReconstructionError
+    from neural_strands.prior.pca import StrandPca
+    from neural_strands.prior.pictures import Panel
+    from neural_strands.prior.vae import StrandPrior
+
+
+@dataclass(frozen=True)
+class PriorReport:
+    """Encode every strand of each groom, decode it, and report the errors, with a PCA of the same size beside them.
+
+    Errors: mean, median and 95th percentile of the distance of points (mm), of directions (degrees), length (%) and
+    curvature (1/m). The PCA is fitted to the training curves. "optimised" is what the decoder alone reaches when each
+    latent is improved by Adam from its encoding.
+    """
+
+    grooms: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Groom files."""
+    head: tuple[Path, ...] = ()
+    """Head of each groom, in its frame and metres; without any, the mannequin is fitted to the roots."""
+    weights: Path | None = None
+    """Weights of the prior; those shipped with the package by default."""
+    picture: Path | None = None
+    """Where to write a picture of the worst, median and best strands (.png)."""
+    optimise_steps: int = 0
+    """Steps by which latents are also optimised; 0 leaves that out."""
+    optimise_strands: int = 2000
+    """Strands, spread over the groom, whose latents are optimised."""
+    curves: int = 20000
+    """Training curves that the PCA is fitted to."""
+    seed: int = 0
+    """Of the training curves."""
+    device: DeviceName = "auto"
+    """Where to compute."""
+    json: bool = False
+    """Print one JSON object: for each groom "prior", "pca" and "optimised" with their errors."""
+
+    def run(self) -> None:
+        """Report on each groom."""
+        import torch
+
+        from neural_strands.prior.curves import synthetic_curves
+        from neural_strands.prior.pca import StrandPca
+        from neural_strands.prior.vae import load_prior
+        from neural_strands.training.groom_strands import local_strands
+
+        if not self.grooms:
+            raise InputError("prior-report: expected at least one groom file, got none.")
+        if self.head and len(self.head) != len(self.grooms):
+            raise InputError(f"--head: expected one a groom ({len(self.grooms)}), got {len(self.head)}.")
+        device = pick_device(self.device)
+        prior = load_prior(self.weights, device)
+        generator = seeded(self.seed)
+        parts = [min(1000, self.curves - start) for start in range(0, self.curves, 1000)]
+        curves = torch.cat([synthetic_curves(part, generator) for part in parts]).to(device)
+        pca = StrandPca.fit(curves, prior.generator.config.latent)
+        report, panels, labels = {}, [], []
+        heads = self.head or (None,) * len(self.grooms)
+        for path, head in zip(self.grooms, heads, strict=True):
+            strands = local_strands(path, head).to(device)
+            errors = self._errors(prior, pca, strands)
+            report[path.name] = {name: asdict(error) for name, error in errors.items()}
+            panels.append(_panels(prior, strands))
+            labels.append(path.stem)
+            if not self.json:
+                sys.stdout.write(_table(path, errors))
+        if self.picture is not None:
+            from neural_strands.prior.pictures import draw_panels
+
+            draw_panels(self.picture, panels, labels, "true (black), encoded and decoded (red); cm")
+        if self.json:
+            sys.stdout.write(json.dumps(report) + "\n")
+
+    def _errors(self, prior: "StrandPrior", pca: "StrandPca", strands: "Tensor") -> "dict[str, ReconstructionError]":
+        import torch
+
+        from neural_strands.prior.errors import reconstruction_error
+        from neural_strands.prior.refine import refine_latents
+
+        with torch.no_grad():
+            latent = prior.encode(strands)
+            errors = {
+                "prior": reconstruction_error(prior.decode(latent), strands),
+                "pca": reconstruction_error(pca.decode(pca.encode(strands)), strands),
+            }
+        if self.optimise_steps:
+            every = max(1, len(strands) // self.optimise_strands)
+            some = strands[::every]
+            better = refine_latents(prior.generator, latent[::every], some, self.optimise_steps)
+            errors["optimised"] = reconstruction_error(prior.decode(better), some)
+        return errors
+
+
+def _panels(prior: "StrandPrior", strands: "Tensor") -> "list[Panel]":
+    """The two worst, three about the median and the two best strands, true and decoded."""
+    from neural_strands.prior.errors import strand_errors
+    from neural_strands.prior.pictures import Panel
+
+    decoded = prior.decode(prior.encode(strands))
+    error = strand_errors(decoded, strands)
+    order = error.argsort(descending=True).tolist()
+    middle = len(order) // 2
+    chosen = order[:2] + order[middle : middle + 3] + order[-2:]
+    return [Panel((strands[i], decoded[i]), f"{float(error[i]):.3f} mm") for i in chosen]
+
+
+def _table(path: Path, errors: "dict[str, ReconstructionError]") -> str:
+    """Rows of figures for the terminal."""
+    titles = f"{'strands':>9}{'mean mm':>9}{'median':>8}{'p95':>8}{'dir °':>8}{'len %':>8}{'curv 1/m':>10}"
+    rows = [
+        f"  {name:10}{e.strands:9d}{e.mean_mm:9.3f}{e.median_mm:8.3f}{e.p95_mm:8.3f}{e.direction_deg:8.2f}"
+        f"{e.length_percent:8.3f}{e.curvature_per_m:10.2f}\n"
+        for name, e in errors.items()
+    ]
+    return f"{path.name}\n{'':12}{titles}\n" + "".join(rows)

@@ -1,0 +1,40 @@
+"""Latents optimised for given strands: what the decoder alone can reach, and how a fit uses it."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.geometry.strands import lengths, segments
+from neural_strands.prior.generator import StrandGenerator
+
+SLOPE_WEIGHT = 0.03
+"""Weight of an error in dp/dt against one in position, both in strand lengths."""
+
+
+def refine_latents(
+    generator: StrandGenerator,
+    latent: Float[Tensor, "strand latent"],
+    points: Float[Tensor, "strand point 3"],
+    steps: int = 200,
+    learning_rate: float = 0.01,
+) -> Float[Tensor, "strand latent"]:
+    """Adam on each strand's latent from a given start, learning rate falling to zero; best latent of each strand."""
+    current = latent.detach().clone().requires_grad_(True)
+    optimiser = torch.optim.Adam([current], learning_rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    scale = lengths(points)[:, None, None]
+    best, lowest = latent.detach().clone(), latent.new_full((len(latent),), torch.inf)
+    for _ in range(steps):
+        error = (generator(current, points.shape[1]) - points) / scale
+        slope = segments(error) * (points.shape[1] - 1)
+        loss = error.square().sum(dim=(1, 2)) + SLOPE_WEIGHT**2 * slope.square().sum(dim=(1, 2))
+        with torch.no_grad():
+            better = loss < lowest
+            lowest = torch.where(better, loss, lowest)
+            best = torch.where(better[:, None], current, best)
+        optimiser.zero_grad()
+        # The square root keeps strands of large and small error at the same pace; each has its own latent.
+        (loss + 1e-12).sqrt().sum().backward()
+        optimiser.step()
+        schedule.step()
+    return best.detach()
