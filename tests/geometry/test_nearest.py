@@ -78,3 +78,13 @@ def test_thresholds_must_grow():
     point = torch.zeros(1, 3)
     with pytest.raises(ValueError, match="growing"):
         match_levels(point, point, point, point, [(2e-3, 0.1), (1e-3, 0.2)])
+
+
+def test_two_clusters_a_kilometre_apart(generator):
+    near = torch.rand(500, 3, generator=generator) * 0.01
+    points = torch.cat([near, near.double().add(1000.0).float()])
+    distance, index = nearest(points, points, 1e-3)
+    # Far out float32 rounds several points onto one: the distance is what must agree.
+    assert (distance == 0).all()
+    assert torch.equal(points[index], points)
+    assert torch.equal(nearest(near, points, 1e-3)[1], torch.arange(500))
