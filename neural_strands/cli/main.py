@@ -21,6 +21,7 @@ COMMANDS = {
     "prior-traverse": "neural_strands.cli.prior_traverse:PriorTraverse",
     "render": "neural_strands.cli.render:Render",
     "fit": "neural_strands.cli.fit:Fit",
+    "evaluate": "neural_strands.cli.evaluate:Evaluate",
 }
 """Each verb and the dataclass that holds its arguments."""
 

@@ -5,6 +5,7 @@ benchmark of the renderer alone. Images are seen through crops about the hair: t
 """
 
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -40,6 +41,8 @@ class AppearanceConfig:
     """Learning rate of the image generator."""
     final_rate: float = 0.02
     """Learning rates at the last step, as a fraction of the first."""
+    minutes: float = math.inf
+    """Time limit: the learning rates fall with the time or with the steps, whichever is farther on."""
     warmup: int = 20
     """Steps over which the learning rates rise."""
 
@@ -155,8 +158,12 @@ def fit_appearance(
     optimiser = appearance_optimiser(model, config)
     first = [group["lr"] for group in optimiser.param_groups]
     order: list[int] = []
+    begin = time.monotonic()
     for step in range(config.steps):
-        factor = min(1.0, (step + 1) / config.warmup) * cosine(step / config.steps, config.final_rate)
+        progress = max(step / config.steps, (time.monotonic() - begin) / (60 * config.minutes))
+        if progress >= 1:
+            return
+        factor = min(1.0, (step + 1) / config.warmup) * cosine(progress, config.final_rate)
         for group, rate in zip(optimiser.param_groups, first, strict=True):
             group["lr"] = rate * factor
         order = order or torch.randperm(len(targets), generator=random).tolist()

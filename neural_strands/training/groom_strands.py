@@ -24,8 +24,8 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
 
     Args:
         groom: any file that `read_groom` takes.
-        head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without one the mannequin is fitted
-            to the roots by a similarity, which also gives the groom's unit and axes.
+        head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without one the mannequin is
+            fitted to the roots by a similarity, which also gives the groom's unit and axes.
         points: wanted a strand.
 
     Raises:

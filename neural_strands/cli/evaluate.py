@@ -1,0 +1,48 @@
+"""`neural-strands evaluate`: the paper's tables for a run, and its report."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from neural_strands.cli.device import DeviceName, pick_device
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Score a fit and write its report, RUN/report/index.html: one page that any browser opens."""
+
+    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """Folder that `fit` wrote."""
+    device: DeviceName = "auto"
+    """Where to compute."""
+    json: bool = False
+    """Print one JSON object: strands and lmvs (percent at each threshold, where there is a ground truth),
+    held_out_views (dB, SSIM, LPIPS in the hair region), milliseconds, inside_head_percent."""
+
+    def run(self) -> None:
+        """Evaluate, write, print."""
+        from neural_strands.training.evaluate import evaluate_run, open_run
+        from neural_strands.training.report import write_report
+
+        device = pick_device(self.device)
+        run = open_run(self.run_folder, device)
+        result = evaluate_run(run, device)
+        write_report(run, result)
+        figures = result.as_dict()
+        if self.json:
+            sys.stdout.write(json.dumps(figures) + "\n")
+            return
+        for name in ("lmvs", "strands"):
+            for threshold, row in figures[name].items():
+                sys.stdout.write(
+                    f"{name:8} {threshold:10} precision {row['precision']:6.2f}  recall {row['recall']:6.2f}  "
+                    f"F {row['f_score']:6.2f} %\n"
+                )
+        for name, value in figures["held_out_views"].items():
+            sys.stdout.write(f"views    {name:10} {value if not isinstance(value, float) else round(value, 4)}\n")
+        sys.stdout.write(f"decode {result.decode_ms:.1f} ms, render {result.render_ms:.1f} ms\n")
+        sys.stdout.write(f"{run.folder.report / 'index.html'}\n")

@@ -1,0 +1,57 @@
+"""The report: one HTML file with everything inside, that any browser opens."""
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+
+from neural_strands.foundation.files import atomic_file
+
+TEMPLATE = Path(__file__).parent / "templates" / "report.html"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a heading.
+
+    Attributes:
+        title: what it shows.
+        heads: one a column.
+        rows: cells, as many as heads.
+        note: a sentence below.
+    """
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Pictures under a heading.
+
+    Attributes:
+        title: what they show.
+        pictures: caption and PNG of each.
+        columns: pictures beside each other.
+    """
+
+    title: str
+    pictures: tuple[tuple[str, bytes], ...]
+    columns: int = 3
+
+
+def write_page(path: Path, title: str, summary: str, tables: list[Table], galleries: list[Gallery]) -> None:
+    """Write the page; pictures are embedded.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["embedded"] = lambda data: "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    page = template.render(title=title, summary=summary, tables=tables, galleries=galleries)
+    with atomic_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")

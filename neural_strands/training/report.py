@@ -1,0 +1,152 @@
+"""The report of a run: the paper's tables for this capture, and pictures, on one page."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.evaluation.geometry_metrics import GeometryScore
+from neural_strands.evaluation.page import Gallery, Table, write_page
+from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png
+from neural_strands.geometry.cameras import Camera
+from neural_strands.training.evaluate import Evaluation, RunContents, mean_of, read_losses
+from neural_strands.training.fit_data import segment_lines
+from neural_strands.training.trimap import make_trimap
+
+PAPER_ROWS = {
+    "paper, short: LMVS": ((56.91, 12.11, 19.98), (93.42, 30.29, 45.75), (98.85, 46.62, 63.36)),
+    "paper, short: strands": ((52.79, 13.78, 21.85), (92.94, 48.38, 63.64), (98.18, 71.51, 82.75)),
+    "paper, long: LMVS": ((26.25, 16.54, 20.30), (75.13, 39.12, 51.45), (93.51, 54.01, 68.47)),
+    "paper, long: strands": ((32.59, 14.62, 20.19), (71.40, 42.06, 52.94), (71.40, 62.91, 66.89)),
+}
+"""Precision, recall and F at (1 mm, 10°), (2 mm, 20°), (3 mm, 30°): the paper's table 1, on its own grooms."""
+PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811")
+PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
+MOST_VIEWS = 4
+TURNTABLE_VIEWS = 8
+
+
+def write_report(run: RunContents, result: Evaluation) -> None:
+    """Write RUN/report/index.html.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    tables = [_images_table(result), _time_table(result)]
+    if result.ours:
+        tables.insert(0, _geometry_table(result))
+    galleries = [_views_gallery(result), _alpha_gallery(run, result), _geometry_gallery(run), _turntable(run)]
+    losses = read_losses(run.folder.log)
+    if losses:
+        galleries.append(Gallery("Losses", (("mean of each step's figures", curves(losses, "losses")),), columns=1))
+    summary = (
+        f"{len(run.strands)} strands of {run.strands.points_per_strand} points from {len(run.capture)} photographs of "
+        f"{run.capture.folder.name}; {run.segments.segment_count} line segments."
+    )
+    write_page(
+        run.folder.report / "index.html", f"Neural Strands: {run.capture.folder.name}", summary, tables, galleries
+    )
+
+
+def _geometry_table(result: Evaluation) -> Table:
+    names = [score.threshold.name for score in result.ours[:3]]
+    heads = ("", *(f"{what} {name}" for name in names for what in ("P", "R", "F")))
+    rows = [("ours: LMVS", *_cells(result.lmvs)), ("ours: strands", *_cells(result.ours))]
+    rows += [(name, *(f"{value:.2f}" for row in figures for value in row)) for name, figures in PAPER_ROWS.items()]
+    consistency = ", ".join(f"{score.strand_consistency or 0:.1f} % at {score.threshold.name}" for score in result.ours)
+    inside = "" if result.head_fit is None else f" Points inside the head: {result.head_fit.inside:.2f} %."
+    note = (
+        "Percent, directions unsigned, points every 0.5 mm or denser; the paper's rows are of its own grooms. "
+        f"Strand consistency: {consistency}.{inside}"
+    )
+    return Table("Geometry against the ground truth", heads, tuple(rows), note)
+
+
+def _cells(scores: tuple[GeometryScore, ...]) -> tuple[str, ...]:
+    return tuple(f"{value:.2f}" for score in scores[:3] for value in score.unsigned.as_dict().values())
+
+
+def _images_table(result: Evaluation) -> Table:
+    def cells(psnr: float | None, ssim: float | None, lpips: float | None) -> tuple[str, str, str]:
+        return (
+            "" if psnr is None else f"{psnr:.2f}",
+            "" if ssim is None else f"{ssim:.4f}",
+            "absent" if lpips is None else f"{lpips:.4f}",
+        )
+
+    rows = [(f"view {view.name}", *cells(view.psnr, view.ssim, view.lpips)) for view in result.views]
+    means = [mean_of([getattr(view, name) for view in result.views]) for name in ("psnr", "ssim")]
+    perceptual = mean_of([view.lpips for view in result.views if view.lpips is not None])
+    rows.append(("mean", *cells(means[0], means[1], perceptual)))
+    rows.append(PAPER_IMAGES)
+    title = "Held-out views, hair region" if result.held_out else "Training views (none was held out), hair region"
+    return Table(title, ("", "PSNR, dB", "SSIM", "LPIPS (squeeze)"), tuple(rows), result.lpips_absent)
+
+
+def _time_table(result: Evaluation) -> Table:
+    total = result.decode_ms + result.render_ms
+    rows = (
+        ("this machine", f"{result.decode_ms:.1f}", f"{result.render_ms:.1f}", f"{total:.1f}"),
+        PAPER_MILLISECONDS,
+    )
+    return Table("Milliseconds", ("", "decode", "render", "total"), rows)
+
+
+def _views_gallery(result: Evaluation) -> Gallery:
+    pictures: list[tuple[str, bytes]] = []
+    for view in result.views[:MOST_VIEWS]:
+        pictures += [
+            (f"rendered {view.name}", png(view.rendered)),
+            ("photograph", png(view.truth)),
+            ("difference x 4", png(difference(view.rendered, view.truth))),
+        ]
+    return Gallery("Views" if not result.held_out else "Held-out views", tuple(pictures))
+
+
+def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
+    view, index = result.views[0], run.shown[0]
+    mask = run.capture.hair_mask(index)
+    pictures = [("predicted alpha", png(view.alpha[..., None].expand(-1, -1, 3)))]
+    if mask is not None:
+        trimap = make_trimap(mask > 0.5)
+        shades = torch.where(trimap.supervised, trimap.alpha, 0.5)
+        pictures.append(("trimap: hair, empty, unsupervised", png(shades[..., None].expand(-1, -1, 3))))
+        pictures.append(("mask", png(mask[..., None].expand(-1, -1, 3))))
+    return Gallery("Alpha", tuple(pictures))
+
+
+def _geometry_gallery(run: RunContents) -> Gallery:
+    camera = run.capture.cameras[run.shown[0]].to(run.strands.points.device)
+    head = run.head.mesh
+    sets = [("line segments", segment_lines(run.segments)), ("our strands", run.strands.points)]
+    if run.capture.ground_truth is not None:
+        sets.insert(0, ("ground truth", run.capture.ground_truth.points.to(head.vertices)))
+    pictures = [(name, png(geometry_picture(lines, camera, head))) for name, lines in sets]
+    photograph = run.capture.image(run.shown[0]).to(head.vertices)
+    pictures.append(("our strands over the photograph", png(overlay(photograph, run.strands.points, camera, head))))
+    return Gallery("Geometry, coloured by direction", tuple(pictures), columns=len(pictures))
+
+
+@torch.no_grad()
+def _turntable(run: RunContents) -> Gallery:
+    pictures = []
+    for k in range(TURNTABLE_VIEWS):
+        camera = turntable_camera(run.strands.points, run.capture.cameras[run.shown[0]], k / TURNTABLE_VIEWS)
+        shown = run.model.render(run.strands, camera).rgb
+        pictures.append((f"{360 * k // TURNTABLE_VIEWS} degrees", png(shown)))
+    return Gallery("Turntable", tuple(pictures), columns=4)
+
+
+def turntable_camera(points: Float[Tensor, "strand point 3"], like: Camera, turn: float) -> Camera:
+    """A square camera as far from the hair as `like` is, a little above it, after `turn` of a full turn around it."""
+    centre = points.reshape(-1, 3).mean(dim=0)
+    distance = (like.position.to(centre) - centre).norm()
+    angle = 2 * math.pi * turn
+    offset = torch.tensor([math.sin(angle), 0.25, math.cos(angle)]).to(centre)
+    side = min(like.width, like.height)
+    focal = float(like.intrinsics[0, 0]) * side / like.width
+    camera = Camera.look_at(
+        centre + distance * torch.nn.functional.normalize(offset, dim=0), centre, focal, (side, side)
+    )
+    return Camera(pinhole(focal, (side, side)).to(centre), camera.world_to_camera, side, side, f"turn {turn:.3f}")
