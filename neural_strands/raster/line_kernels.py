@@ -44,8 +44,7 @@ def draw_pixel(column: int, row: int, depth: float, index: int, width: int, keys
     """Lower one pixel's key."""
     key = (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(index)
     pixel = row * width + column
-    if key < keys[pixel]:
-        wp.atomic_min(keys, pixel, key)
+    wp.atomic_min(keys, pixel, key)
 
 
 @wp.func
