@@ -106,6 +106,8 @@ class HairModel(nn.Module):
         self.textures = ScalpTextures(config.textures)
         self.generator = generator.requires_grad_(False)
         self.unet = UNet(config.descriptor_channels, config.unet, random)
+        with torch.no_grad():  # the colour starts from the strand's own feature alone
+            self.unet.decode[:, config.textures.appearance_channels :] = 0.0
         self.body = Body(body, config.surround)
         everything = torch.cat([roots.position, body.vertices]).float()
         centre = everything.mean(dim=0) if len(everything) else torch.zeros(3)

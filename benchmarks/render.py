@@ -1,0 +1,152 @@
+"""Where the time of a frame goes: decode, body, lines, splat and image generator, in milliseconds, with peak memory.
+
+    python benchmarks/render.py --device cpu
+    python benchmarks/render.py --device cuda
+
+The groom is made here: strands of the shipped generator on a hemisphere of 9 cm. A static frame renders strands that
+were decoded before; a dynamic frame decodes them too. Then the cost is measured against strands and against pixels.
+Each figure is the fastest of several runs. Prints one JSON object.
+"""
+
+import json
+import sys
+from dataclasses import dataclass, replace
+
+import torch
+import tyro
+
+from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.evaluation.timing import peak_memory, time_function
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.frames import orthonormal_frames
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.turntable import turntable_cameras
+from neural_strands.model.unet import UNetConfig
+from neural_strands.prior.vae import load_prior
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.scalp.roots import Roots
+
+RADIUS = 0.09
+"""Of the head, metres."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to render."""
+
+    device: DeviceName = "cpu"
+    """Where."""
+    strands: int | None = None
+    """Strands; by default 10,000 on the CPU and 30,000 on CUDA."""
+    size: int | None = None
+    """Side of the image, pixels; by default 256 on the CPU and 1024 on CUDA."""
+    widths: tuple[int, ...] | None = None
+    """Channels of the UNet's levels; by default those of the CPU preset, or twice as many on CUDA."""
+    supersample: int = 2
+    """Line pixels for each image pixel, along each axis."""
+    runs: int = 10
+    """Measured runs of each figure."""
+    compile: bool = False
+    """Run the UNet through torch.compile (CUDA)."""
+
+
+def ball(rings: int = 24) -> Mesh:
+    """A sphere of latitude rings."""
+    theta = torch.linspace(0, torch.pi, rings + 1)[:, None]
+    phi = torch.arange(2 * rings) * (torch.pi / rings)
+    vertices = RADIUS * torch.stack(
+        [theta.sin() * phi.cos(), theta.cos().expand(-1, 2 * rings), theta.sin() * phi.sin()], dim=-1
+    )
+    row, column = torch.meshgrid(torch.arange(rings), torch.arange(2 * rings), indexing="ij")
+    after = (column + 1) % (2 * rings)
+    a, b = row * 2 * rings + column, row * 2 * rings + after
+    c, d = a + 2 * rings, b + 2 * rings
+    faces = torch.stack([torch.stack([a, b, c], dim=-1), torch.stack([b, d, c], dim=-1)]).reshape(-1, 3)
+    return Mesh(vertices.reshape(-1, 3), faces)
+
+
+def hemisphere(count: int, random: torch.Generator) -> Roots:
+    """Roots all over the upper half of the ball."""
+    height, turn = torch.rand(2, count, generator=random)
+    ring, angle = (1 - height.square()).sqrt(), 2 * torch.pi * turn
+    normal = torch.stack([ring * angle.cos(), height, ring * angle.sin()], dim=1)
+    uv = 0.5 + 0.5 * ((1 - height).sqrt())[:, None] * torch.stack([angle.cos(), angle.sin()], dim=1)
+    down = torch.tensor([0.0, -1.0, 0.0]).expand_as(normal)
+    return Roots(RADIUS * normal, uv, orthonormal_frames(normal, down), torch.zeros(count))
+
+
+def hair_model(strands: int, arguments: Arguments, device: torch.device) -> HairModel:
+    """A model with random hair; the supersampling and the widths are those asked for."""
+    random = torch.Generator().manual_seed(0)
+    narrow = UNetConfig().widths
+    widths = arguments.widths or (narrow if device.type == "cpu" else tuple(2 * width for width in narrow))
+    config = HairModelConfig(unet=UNetConfig(widths), supersample=arguments.supersample)
+    model = HairModel(config, hemisphere(strands, random), load_prior().generator, ball(), random)
+    with torch.no_grad():
+        model.textures.shape.normal_(generator=random)
+        model.textures.appearance.normal_(generator=random)
+    model = model.to(device).eval()
+    if arguments.compile:
+        model.unet = torch.compile(model.unet)
+    return model
+
+
+def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]:
+    """Milliseconds of each stage and of whole frames."""
+    device, factor = model.root_uv.device, model.config.supersample
+    strands = model.decode()
+    fine = camera.resized(camera.width * factor, camera.height * factor)
+    body = model.body(fine)
+    lines = rasterise_lines(strands.points, fine, body.depth, model.config.lines)
+    maps = model.splat_descriptors(strands, lines, camera)
+    stages = {
+        "decode": model.decode,
+        "body": lambda: model.body(fine),
+        "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.config.lines),
+        "splat": lambda: model.splat_descriptors(strands, lines, camera),
+        "unet": lambda: model.generate(maps, camera),
+        "static_frame": lambda: model.render(strands, camera),
+        "dynamic_frame": lambda: model(camera),
+    }
+    return {name: round(1e3 * time_function(run, device, runs, 2).fastest, 2) for name, run in stages.items()}
+
+
+def view(model: HairModel, side: int) -> Camera:
+    """The hair from in front, filling the image."""
+    return turntable_cameras(model.decode().points, 1, (side, side))[0]
+
+
+def main(arguments: Arguments) -> None:
+    """Measure and print one JSON object."""
+    device = pick_device(arguments.device)
+    on_gpu = device.type == "cuda"
+    strands = arguments.strands or (30_000 if on_gpu else 10_000)
+    side = arguments.size or (1024 if on_gpu else 256)
+    with torch.inference_mode():
+        model = hair_model(strands, arguments, device)
+        figures = {
+            "device": torch.cuda.get_device_name(device) if on_gpu else f"cpu, {torch.get_num_threads()} threads",
+            "strands": strands,
+            "size": side,
+            "supersample": arguments.supersample,
+            "milliseconds": frame_times(model, view(model, side), arguments.runs),
+            "peak_gigabytes": round(peak_memory(device) / 1e9, 3),
+            "by_pixels": {
+                str(pixels): frame_times(model, view(model, pixels), arguments.runs)["static_frame"]
+                for pixels in (side // 2, side, 2 * side)
+            },
+        }
+        figures["by_strands"] = {
+            str(count): frame_times(few, view(few, side), arguments.runs)["static_frame"]
+            for count in (strands // 4, strands // 2, strands)
+            for few in (hair_model(count, arguments, device),)
+        }
+        if arguments.supersample != 1:
+            plain = hair_model(strands, replace(arguments, supersample=1), device)
+            figures["without_supersampling"] = frame_times(plain, view(plain, side), arguments.runs)
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))
