@@ -146,7 +146,5 @@ def turntable_camera(points: Float[Tensor, "strand point 3"], like: Camera, turn
     offset = torch.tensor([math.sin(angle), 0.25, math.cos(angle)]).to(centre)
     side = min(like.width, like.height)
     focal = float(like.intrinsics[0, 0]) * side / like.width
-    camera = Camera.look_at(
-        centre + distance * torch.nn.functional.normalize(offset, dim=0), centre, focal, (side, side)
-    )
-    return Camera(pinhole(focal, (side, side)).to(centre), camera.world_to_camera, side, side, f"turn {turn:.3f}")
+    eye = centre + distance * torch.nn.functional.normalize(offset, dim=0)
+    return Camera.look_at(eye, centre, focal, (side, side), f"turn {turn:.3f}")
