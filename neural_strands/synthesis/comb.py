@@ -67,8 +67,8 @@ def comb_directions(
         side = positions[:, 0] - frame.centre[0] - style.parting
         ahead = ((positions[:, 2] - frame.whorl[2]) / frame.half_size[2]).clamp(0.0, 1.0)
         lateral = torch.stack([torch.sign(side), -0.35 * torch.ones_like(side), -0.35 - 0.55 * ahead], dim=-1)
-        weight = (ahead * 2.5).clamp(max=1.0) * torch.exp(-((side.abs() / PARTING_REACH) ** 2) / 4)
-        weight = torch.maximum(weight, 0.75 * ahead)[:, None]
+        close = torch.exp(-((side / (2 * PARTING_REACH)) ** 2))
+        weight = torch.maximum((8.0 * ahead).clamp(max=1.0) * close, 0.75 * ahead)[:, None]
         direction = direction * (1 - weight) + _along(lateral, normals) * weight
     return _along(direction, normals)
 

@@ -29,9 +29,9 @@ def add_detail(
     loose = _random(count, generator, points) < style.flyaways
     lock = assign_locks(points[:, 0], style.clump_spacing, generator)
     lock_small = assign_locks(points[:, 0], style.clump_spacing / 3, generator)
-    tightness = style.clump_strength * (0.6 + 0.4 * _random(count, generator, points))
+    tightness = style.clump_strength * (0.75 + 0.25 * _random(count, generator, points))
     tightness = torch.where(loose, torch.zeros_like(tightness), tightness)
-    gathered = gather_locks(points, lock, 0.75 * tightness)
+    gathered = gather_locks(points, lock, 0.85 * tightness)
     gathered = gather_locks(gathered, lock_small, 0.7 * tightness)
     frames = strand_frames(gathered, normals)
     offset = _waves(gathered, lock, lock_small, style, generator) + _frizz(gathered, style, loose, generator)
@@ -69,7 +69,7 @@ def gather_locks(
     lead = points[leader]
     picked = [lead.gather(1, index[..., None].expand(-1, -1, 3)) for index in (left, left + 1)]
     target = picked[0] * (1 - weight) + picked[1] * weight
-    pull = tightness[:, None] * _ramp(along, 0.6)
+    pull = tightness[:, None] * _ramp(along, 0.45)
     reach = (length[leader] / length).clamp(max=1.0)[:, None]
     pull = pull * ((reach * 1.15 - along) / 0.15).clamp(0.0, 1.0)
     return points + pull[..., None] * (target - points)
@@ -102,10 +102,10 @@ def _waves(
     by_lock = torch.randn(3, count, generator=generator, device=generator.device).to(points)[:, lock]
     by_small = torch.randn(2, count, generator=generator, device=generator.device).to(points)[:, lock_small]
     own = torch.randn(2, count, generator=generator, device=generator.device).to(points)
-    wave_length = style.wave_length * torch.exp(0.1 * by_lock[0] + 0.03 * by_small[0])
+    wave_length = style.wave_length * torch.exp(0.1 * by_lock[0] + 0.006 * by_small[0])
     amplitude = style.wave_amplitude * torch.exp(0.25 * by_lock[1] + 0.08 * own[0])
     place = points[:, 0] @ points.new_tensor([23.0, 17.0, 29.0])
-    start = place + 0.8 * by_lock[2] + 0.3 * by_small[1] + 0.08 * own[1]
+    start = place + 0.8 * by_lock[2] + 0.2 * by_small[1] + 0.08 * own[1]
     drift = 0.6 * torch.sin(arc * 19.0 + by_lock[1][:, None] * 3)
     phase = 2 * math.pi * arc / wave_length[:, None] + start[:, None] + drift
     size = amplitude[:, None] * _ramp(arc / (1.2 * style.wave_length), 1.0)

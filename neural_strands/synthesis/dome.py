@@ -13,6 +13,11 @@ from neural_strands.geometry.cameras import Camera
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 """Turn between neighbours on the spiral (rad): azimuths never line up."""
 
+SPREAD_POINTS = 100_000
+"""Points of the hair from which the focal length is found."""
+MOST = 0.998
+"""Share of the hair that has to fit: a single flyaway does not decide how large the rest is seen."""
+
 
 @dataclass(frozen=True)
 class DomeConfig:
@@ -28,14 +33,15 @@ class DomeConfig:
     """Lowest camera, degrees above the horizontal (negative: below the chin, looking up)."""
     elevation_max: float = 75.0
     """Highest camera, degrees above the horizontal."""
-    fill: float = 0.92
+    fill: float = 0.9
     """Share of the frame that the hair fills in the view where it is largest (0 to 1)."""
 
 
 def dome(points: Float[Tensor, "*strand 3"], config: DomeConfig) -> tuple[Camera, ...]:
     """Cameras on a spiral from the highest to the lowest elevation, evenly over the sphere between.
 
-    All share one focal length, the longest with which every point of the hair is in every frame.
+    All share one focal length, the longest with which the hair stays within its share of every frame, but for the
+    few points that stray furthest.
 
     Args:
         points: of the hair, world metres.
@@ -57,7 +63,8 @@ def dome(points: Float[Tensor, "*strand 3"], config: DomeConfig) -> tuple[Camera
     eyes = [target + config.distance * direction.to(target) for direction in dome_directions(config)]
     unit = [Camera.look_at(eye, target, 1.0, size, f"{index:03d}") for index, eye in enumerate(eyes)]
     middle = target.new_tensor([config.resolution / 2, config.resolution / 2])
-    spread = max(float((camera.project(flat)[0] - middle).abs().max()) for camera in unit)
+    sample = flat[:: max(len(flat) // SPREAD_POINTS, 1)]
+    spread = max(float((camera.project(sample)[0] - middle).abs().amax(dim=-1).quantile(MOST)) for camera in unit)
     focal = 0.5 * config.fill * config.resolution / spread
     return tuple(Camera.look_at(eye, target, focal, size, camera.name) for eye, camera in zip(eyes, unit, strict=True))
 

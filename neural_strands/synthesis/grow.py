@@ -41,15 +41,16 @@ def grow(
     hold_level = frame.centre[1] - 0.4 * frame.half_size[1]
     down = normals.new_tensor([0.0, -1.0, 0.0])
     point, points = roots.position, [roots.position]
-    above = point.new_zeros(count, 1)
+    above, outward = point.new_zeros(count, 1), normals
     for index in range(1, POINTS):
         arc = step * index
         held = torch.exp(-above / HOLD_HEIGHT) * ((point[:, 1:2] - hold_level) / HOLD_HEIGHT).clamp(0.0, 1.0)
         pull = style.gravity * (arc / STIFF_LENGTH).clamp(max=1.0) * (1 - HOLD * held) * step
         across = down - (direction * down).sum(dim=-1, keepdim=True) * direction
-        direction = torch.nn.functional.normalize(direction + pull * across, dim=-1)
+        settle = style.cling * (above / HOLD_HEIGHT).clamp(max=1.0) * step
+        direction = torch.nn.functional.normalize(direction + pull * across - settle * outward, dim=-1)
         height = torch.minimum(layer[:, None], CLEARANCE + LAYER_SLOPE * arc)
-        direction, above = _lifted(point, direction, step, height, grid)
+        direction, above, outward = _lifted(point, direction, step, height, grid)
         point = point + step * direction
         points.append(point)
     return cut(torch.stack(points, dim=1), _tip_level(roots, style, generator))
@@ -93,15 +94,19 @@ def _lifted(
     step: Float[Tensor, "root 1"],
     height: Float[Tensor, "root 1"],
     grid: DistanceGrid,
-) -> tuple[Float[Tensor, "root 3"], Float[Tensor, "root 1"]]:
-    """Turn directions so that a step ends `height` above the skin or climbs towards it; also how far above it ends."""
-    above = torch.zeros_like(height)
+) -> tuple[Float[Tensor, "root 3"], Float[Tensor, "root 1"], Float[Tensor, "root 3"]]:
+    """Turn directions so that a step ends `height` above the skin or climbs towards it.
+
+    Returns:
+        direction, how far above its height the step ends (metres), and which way is outwards there.
+    """
+    above, outward = torch.zeros_like(height), torch.zeros_like(point)
     for _ in range(2):
         distance, outward = grid.sample(point + step * direction)
         above = distance[:, None] - height
         missing = (-above).clamp(min=0.0).minimum(step)
         direction = torch.nn.functional.normalize(direction + missing / step * outward, dim=-1)
-    return direction, above.clamp(min=0.0)
+    return direction, above.clamp(min=0.0), outward
 
 
 def _uniform(count: int, generator: torch.Generator, device: torch.device) -> Float[Tensor, " {count}"]:

@@ -32,8 +32,8 @@ LONGITUDINAL_ROUGHNESS = 0.3
 OUTSHINE = 2.5
 """How many times brighter than the median of its surroundings one pass of a pixel may be."""
 LIGHTS = (
-    ((0.95, 2.5, 1.35), 0.8, (11.0, 10.2, 9.2)),
-    ((-1.1, 2.5, -1.05), 0.8, (7.2, 7.8, 8.8)),
+    ((0.95, 2.5, 1.35), 0.8, (7.6, 7.1, 6.5)),
+    ((-1.1, 2.5, -1.05), 0.8, (5.4, 5.8, 6.4)),
 )
 """The two area lights: place from the middle of the hair (m), half a side (m), radiance."""
 

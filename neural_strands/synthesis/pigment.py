@@ -11,7 +11,7 @@ from neural_strands.synthesis.styles import Melanin
 EUMELANIN_ABSORPTION = (0.419, 0.697, 1.37)
 PHEOMELANIN_ABSORPTION = (0.187, 0.4, 1.05)
 """Absorption a unit of concentration for red, green, blue (d'Eon et al. 2011, section 6.1)."""
-AZIMUTHAL_ROUGHNESS = 0.3
+AZIMUTHAL_ROUGHNESS = 0.65
 """Roughness around the strand (0 to 1), which sets how absorption becomes colour."""
 
 

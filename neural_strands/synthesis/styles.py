@@ -23,6 +23,8 @@ class Style:
     """Slope of the first millimetres away from the scalp (0 along it, 1 at 45 degrees)."""
     gravity: float = 14.0
     """Curvature that bends a horizontal strand downwards (1/m)."""
+    cling: float = 0.0
+    """Curvature that bends a strand back to its layer where it leaves the head (1/m)."""
     thickness: float = 0.016
     """Height of the outermost layer above the skin (m)."""
     parting: float | None = 0.02
@@ -47,18 +49,19 @@ class Style:
 
 STYLES: dict[StyleName, Style] = {
     "short": Style(
-        length=0.055,
-        length_variation=0.14,
+        length=0.06,
+        length_variation=0.16,
         side_length=0.5,
-        lift=0.3,
-        gravity=14.0,
-        thickness=0.02,
+        lift=0.25,
+        gravity=8.0,
+        cling=15.0,
+        thickness=0.016,
         parting=None,
-        clump_spacing=0.009,
-        clump_strength=0.6,
+        clump_spacing=0.011,
+        clump_strength=0.7,
         frizz=0.0006,
-        wave_amplitude=0.0015,
-        wave_length=0.05,
+        wave_amplitude=0.002,
+        wave_length=0.06,
         flyaways=0.015,
     ),
     "straight": Style(
@@ -92,20 +95,20 @@ STYLES: dict[StyleName, Style] = {
         flyaways=0.015,
     ),
     "curly": Style(
-        length=0.4,
+        length=0.42,
         length_variation=0.12,
         side_length=0.85,
         tip_level=0.05,
         lift=0.6,
         gravity=28.0,
         thickness=0.028,
-        clump_spacing=0.02,
-        clump_strength=0.85,
-        wave_amplitude=0.007,
-        wave_length=0.03,
+        clump_spacing=0.021,
+        clump_strength=0.97,
+        wave_amplitude=0.0085,
+        wave_length=0.04,
         helix=1.0,
-        frizz=0.0007,
-        flyaways=0.03,
+        frizz=0.0006,
+        flyaways=0.02,
     ),
 }
 
@@ -124,7 +127,7 @@ class Melanin:
 
 MELANIN: dict[HairColour, Melanin] = {
     "black": Melanin(1.8, 0.3, 0.15),
-    "brown": Melanin(0.4, 0.25),
+    "brown": Melanin(0.6, 0.3),
     "auburn": Melanin(0.16, 0.7),
     "blond": Melanin(0.07, 0.15, 0.35),
     "grey": Melanin(0.12, 0.02, 0.9),

@@ -59,7 +59,7 @@ def surround(height: int, generator: torch.Generator) -> Float[Tensor, "{height}
     directions = torch.stack([theta.sin() * phi.sin(), theta.cos(), theta.sin() * phi.cos()], dim=-1)
     clouds = [smooth_noise(directions.reshape(-1, 3), size, generator).reshape(theta.shape) for size in (0.8, 0.35)]
     tint = smooth_noise(directions.reshape(-1, 3), 0.7, generator).reshape(theta.shape)
-    level = 0.36 + 0.10 * directions[..., 1] + 0.055 * clouds[0] + 0.025 * clouds[1]
+    level = 0.42 + 0.14 * directions[..., 1] + 0.075 * clouds[0] + 0.035 * clouds[1]
     warm = torch.tensor([0.10, 0.01, -0.12])
     return (level[..., None] * (1 + tint[..., None] * warm) * torch.tensor([0.96, 1.0, 1.05])).clamp(min=0.02)
 
