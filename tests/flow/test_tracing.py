@@ -1,0 +1,48 @@
+"""Streamlines against closed forms."""
+
+import math
+
+import torch
+
+from neural_strands.flow.field import FlowField
+from neural_strands.flow.grid import VoxelGrid
+from neural_strands.flow.tracing import TraceConfig, trace_strands
+from neural_strands.geometry.strands import lengths
+
+
+def test_a_constant_field_gives_straight_strands_that_end_where_the_hair_ends():
+    grid = VoxelGrid(torch.zeros(3), 0.01, (10, 40, 10))
+    down = torch.tensor([0.0, -1.0, 0.0])[:, None, None, None].expand(3, *grid.shape).contiguous()
+    domain = torch.zeros(grid.shape, dtype=torch.bool)
+    domain[:, 10:] = True  # hair above y = 0.1
+    roots = torch.tensor([[0.05, 0.35, 0.05], [0.03, 0.2, 0.07]])
+    normals = torch.tensor([[0.0, 1.0, 0.0]]).expand(2, 3)
+    strands = trace_strands(FlowField(grid, down, domain), roots, normals, TraceConfig(step=0.001, points=20))
+    torch.testing.assert_close(strands[:, 0], roots)
+    torch.testing.assert_close(lengths(strands), torch.tensor([0.25, 0.10]), atol=2e-3, rtol=0)
+    torch.testing.assert_close(strands[:, -1, 1], torch.full((2,), 0.1), atol=2e-3, rtol=0)
+    torch.testing.assert_close(strands[..., 0], roots[:, :1].expand(-1, 20))
+
+
+def test_a_rotating_field_keeps_its_circles():
+    # The tangent field of circles about the y axis: second order integration drifts by far less than a step.
+    grid = VoxelGrid(torch.tensor([-0.1, 0.0, -0.1]), 0.002, (100, 4, 100))
+    centres = grid.centres()
+    x, z = centres[..., 0], centres[..., 2]
+    tangent = torch.stack([-z, torch.zeros_like(x), x]) / (x.square() + z.square()).sqrt()
+    domain = torch.ones(grid.shape, dtype=torch.bool)
+    root = torch.tensor([[0.06, 0.004, 0.0]])
+    config = TraceConfig(step=0.0015, longest=0.06 * math.pi, points=50)
+    strand = trace_strands(FlowField(grid, tangent, domain), root, torch.tensor([[0.0, 0.0, 1.0]]), config)[0]
+    radius = strand[:, [0, 2]].norm(dim=-1)
+    torch.testing.assert_close(radius, torch.full((50,), 0.06), atol=2e-4, rtol=0)
+    assert abs(float(lengths(strand[None])[0]) - 0.06 * math.pi) < 2e-3
+
+
+def test_outside_the_hair_a_strand_still_has_its_shortest_length():
+    grid = VoxelGrid(torch.zeros(3), 0.01, (8, 8, 8))
+    up = torch.tensor([0.0, 1.0, 0.0])[:, None, None, None].expand(3, *grid.shape).contiguous()
+    domain = torch.zeros(grid.shape, dtype=torch.bool)
+    config = TraceConfig(grace=0.0, shortest=0.012)
+    strand = trace_strands(FlowField(grid, up, domain), torch.full((1, 3), 0.04), torch.eye(3)[:1], config)
+    assert abs(float(lengths(strand)[0]) - 0.012) < 1.6e-3
