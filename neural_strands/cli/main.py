@@ -14,6 +14,7 @@ COMMANDS = {
     "synthesize": "neural_strands.cli.synthesize:Synthesize",
     "convert": "neural_strands.cli.convert:Convert",
     "check": "neural_strands.cli.check:Check",
+    "head": "neural_strands.cli.head:HeadCheck",
     "score": "neural_strands.cli.score:Score",
     "lmvs": "neural_strands.cli.lmvs:Lmvs",
     "train-prior": "neural_strands.cli.train_prior:TrainPrior",

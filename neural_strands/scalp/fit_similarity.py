@@ -5,7 +5,7 @@ the scalp, scalp to the roots): one way alone lets the scale run away.
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -19,8 +19,9 @@ from neural_strands.scalp.roots import sample_roots
 
 COARSE_POINTS = 300
 FINE_POINTS = 2000
-COARSE_ROUNDS = 30
+COARSE_ROUNDS = 12
 FINE_ROUNDS = 60
+POLISH_ROUNDS = 250
 FINALISTS = 3
 """Starts, of the 24 axis-aligned ones, that are refined."""
 
@@ -32,6 +33,9 @@ SCALP_TRIM = 0.35
 
 SCALP_WEIGHT = 0.5
 """Weight of the scalp's matches against the roots'."""
+
+BELIEF = 1.3
+"""How much worse the fit with the axes as they are (y up, +z front) may be than a turned one and still be believed."""
 
 SETTLED = 1e-6
 """Relative change of the residual at which it stops."""
@@ -45,7 +49,8 @@ class Similarity:
         scale: positive factor.
         rotation: proper rotation.
         translation: in the target's unit.
-        residual: root mean square distance of the matches kept, in the target's unit; 0 if not fitted.
+        residual: root mean square of the distances from roots to scalp and from scalp to roots, target's unit; 0 if not
+            fitted.
     """
 
     scale: float
@@ -88,49 +93,64 @@ def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes
     index = MeshIndex(head.to("cpu").scalp_mesh)
     turns = _axis_rotations() if any_axes else [np.eye(3)]
     coarse = (scalp[:COARSE_POINTS], _spread(roots, COARSE_POINTS))
-    trials = [_iterate(_start(turn, scalp, roots), index, *coarse, COARSE_ROUNDS) for turn in turns]
-    best = sorted(trials, key=lambda trial: trial.residual / trial.scale)[:FINALISTS]
+    # Turned as it starts at first, scale and place alone: free to turn, a wrong start slides into a wrong end.
+    trials = [_iterate(_start(turn, scalp, roots), index, *coarse, COARSE_ROUNDS, turning=False) for turn in turns]
+    upright = next(trial for trial, turn in zip(trials, turns, strict=True) if np.allclose(turn, np.eye(3)))
+    best = [upright, *sorted((trial for trial in trials if trial is not upright), key=_score)[:FINALISTS]]
     fine = (scalp, _spread(roots, FINE_POINTS))
-    return min((_iterate(trial, index, *fine, FINE_ROUNDS) for trial in best), key=lambda trial: trial.residual / trial.scale)
+    upright, *others = (_iterate(trial, index, *fine, FINE_ROUNDS, turning=True) for trial in best)
+    winner = min(others, key=_score, default=upright)
+    chosen = upright if _score(upright) <= BELIEF * _score(winner) else winner
+    return _iterate(chosen, index, *fine, POLISH_ROUNDS, turning=True)
+
+
+def _score(fit: Similarity) -> float:
+    """Residual in the head's own size, so that a larger head does not win."""
+    return fit.residual / fit.scale
 
 
 def umeyama(
-    source: Float[np.ndarray, "point 3"], target: Float[np.ndarray, "point 3"], weights: Float[np.ndarray, " point"]
+    source: Float[np.ndarray, "point 3"],
+    target: Float[np.ndarray, "point 3"],
+    weights: Float[np.ndarray, " point"],
+    turn: Float[np.ndarray, "3 3"] | None = None,
 ) -> Similarity:
-    """Least-squares similarity between matched points (Umeyama 1991), its scale the ratio of the two spreads (Horn 1987).
+    """Least-squares similarity between matched points (Umeyama 1991), its scale the ratio of the spreads (Horn 1987).
 
-    The ratio treats source and target alike, where least squares would shrink under noise.
+    The ratio treats source and target alike, where least squares would shrink under noise. A given `turn` is kept.
     """
     weights = weights / weights.sum()
     source_mean, target_mean = weights @ source, weights @ target
     x, y = source - source_mean, target - target_mean
-    u, _, vt = np.linalg.svd((y * weights[:, None]).T @ x)
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u @ flip @ vt
+    if turn is None:
+        u, _, vt = np.linalg.svd((y * weights[:, None]).T @ x)
+        turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
     scale = float(np.sqrt((weights @ (y**2).sum(axis=1)) / (weights @ (x**2).sum(axis=1))))
-    translation = target_mean - scale * rotation @ source_mean
-    return Similarity(scale, torch.from_numpy(rotation), torch.from_numpy(translation))
+    translation = target_mean - scale * turn @ source_mean
+    return Similarity(scale, torch.from_numpy(turn), torch.from_numpy(translation))
 
 
-def _iterate(start: Similarity, index: MeshIndex, scalp: np.ndarray, roots: np.ndarray, rounds: int) -> Similarity:
-    """Match and solve, in turns."""
+def _iterate(
+    start: Similarity, index: MeshIndex, scalp: np.ndarray, roots: np.ndarray, rounds: int, turning: bool
+) -> Similarity:
+    """Match and solve, in turns; the residual is that of all matches both ways, trimmed or not."""
     tree, fit, previous = KDTree(roots), start, np.inf
+    turn = None if turning else start.rotation.numpy()
     for _ in range(rounds):
-        in_head = fit.inverse().apply(torch.from_numpy(roots)).float()
-        on_scalp = index.closest(in_head)
-        back_gap = on_scalp.distance.double().numpy() * fit.scale
+        on_scalp = index.closest(fit.inverse().apply(torch.from_numpy(roots)).float())
+        root_gap = on_scalp.distance.double().numpy() * fit.scale
         gap, match = tree.query(fit.apply(torch.from_numpy(scalp)).numpy())
-        kept, back_kept = _kept(gap, SCALP_TRIM), _kept(back_gap, ROOT_TRIM)
-        source = np.concatenate([scalp[kept], on_scalp.position.double().numpy()[back_kept]])
-        target = np.concatenate([roots[match[kept]], roots[back_kept]])
-        weights = np.concatenate([np.full(kept.sum(), SCALP_WEIGHT / kept.sum()), np.full(back_kept.sum(), 1.0 / back_kept.sum())])
-        offset = fit.apply(torch.from_numpy(source)).numpy() - target
-        residual = float(np.sqrt(weights @ (offset**2).sum(axis=1) / weights.sum()))
-        solved = umeyama(source, target, weights)
-        fit = Similarity(solved.scale, solved.rotation, solved.translation, residual)
+        residual = float(np.sqrt(0.5 * ((gap**2).mean() + (root_gap**2).mean())))
+        fit = replace(fit, residual=residual)
         if abs(previous - residual) < SETTLED * residual:
             break
         previous = residual
+        kept, root_kept = _kept(gap, SCALP_TRIM), _kept(root_gap, ROOT_TRIM)
+        source = np.concatenate([scalp[kept], on_scalp.position.double().numpy()[root_kept]])
+        target = np.concatenate([roots[np.asarray(match)[kept]], roots[root_kept]])
+        shares = (np.full(kept.sum(), SCALP_WEIGHT / kept.sum()), np.full(root_kept.sum(), 1.0 / root_kept.sum()))
+        solved = umeyama(source, target, np.concatenate(shares), turn)
+        fit = replace(solved, residual=residual)
     return fit
 
 

@@ -18,7 +18,7 @@ ON_CHART = 1e-6
 
 @dataclass(frozen=True)
 class ScalpTexels:
-    """The texels of a square texture, row by row: row i and column j are centred at v = (i + 0.5) / R, u = (j + 0.5) / R.
+    """The texels of a square texture, row by row: that of row i, column j lies at v = (i + 0.5) / R, u = (j + 0.5) / R.
 
     Texels off the chart stand for the closest place on it, so that textures can be filled to their borders.
 
@@ -38,7 +38,9 @@ class ScalpTexels:
         """Positions, uv and frames of all texels, row by row."""
         return roots_at(head, self.face.reshape(-1), self.barycentric.reshape(-1, 3))
 
-    def fill(self, texture: Float[Tensor, "resolution resolution channel"]) -> Float[Tensor, "resolution resolution channel"]:
+    def fill(
+        self, texture: Float[Tensor, "resolution resolution channel"]
+    ) -> Float[Tensor, "resolution resolution channel"]:
         """Give every texel off the chart the value of its nearest valid one."""
         return texture.reshape(-1, texture.shape[-1])[self.nearest_valid]
 
@@ -59,9 +61,11 @@ def scalp_texels(head: Head, resolution: int) -> ScalpTexels:
     valid = (closest.distance < ON_CHART).reshape(square)
     if not valid.any():
         raise ValueError(f"a texture of {resolution} x {resolution} has no texel on the chart")
-    row, column = torch.from_numpy(
-        distance_transform_edt(~valid.cpu().numpy(), return_distances=False, return_indices=True)
-    ).to(device).long()
+    row, column = (
+        torch.from_numpy(distance_transform_edt(~valid.cpu().numpy(), return_distances=False, return_indices=True))
+        .to(device)
+        .long()
+    )
     return ScalpTexels(
         closest.face.reshape(square),
         closest.barycentric.reshape(*square, 3),

@@ -1,0 +1,87 @@
+"""`neural-strands head`: what scalp a mesh has, and its chart."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+@dataclass(frozen=True)
+class HeadCheck:
+    """Load a head, find or check its scalp, sample roots on it, and draw the chart."""
+
+    mesh: Annotated[Path | None, tyro.conf.Positional] = None
+    """Head mesh (.obj, .ply, .glb ...), y up, +z out of the face; the built-in mannequin if left out."""
+
+    scalp: Path | None = None
+    """Scalp: a chart (.json, .json.gz), a list of faces or vertices (.json), or a painted mask; found if left out."""
+
+    scale: float | None = None
+    """Metres in one unit of the mesh; guessed from the head's width if left out."""
+
+    roots: int = 1000
+    """Number of roots to sample and draw."""
+
+    picture: Path | None = None
+    """Where to write a picture of the chart and its roots (.png)."""
+
+    seed: int = 0
+    """Seed of the roots."""
+
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> None:
+        """Load, measure, draw."""
+        from neural_strands.cli.device import seeded
+        from neural_strands.foundation.errors import InputError
+        from neural_strands.scalp.load import load_head
+        from neural_strands.scalp.mannequin import mannequin
+        from neural_strands.scalp.overlap import overlapping_faces
+        from neural_strands.scalp.patches import pieces
+        from neural_strands.scalp.roots import sample_roots
+
+        if self.roots < 1:
+            raise InputError(f"--roots {self.roots}: expected at least one root.")
+        head = mannequin() if self.mesh is None else load_head(self.mesh, self.scalp, self.scale)
+        roots = sample_roots(head, self.roots, seeded(self.seed))
+        figures = {
+            "vertices": len(head.mesh.vertices),
+            "faces": len(head.mesh.faces),
+            "height_m": round(float(head.mesh.vertices[:, 1].max() - head.mesh.vertices[:, 1].min()), 4),
+            "scalp_faces": len(head.scalp_faces),
+            "scalp_pieces": len(pieces(head.scalp_mesh.faces.numpy())),
+            "scalp_area_cm2": round(1e4 * head.scalp_area, 1),
+            "overlapping_pairs": len(overlapping_faces(head.scalp_uv)),
+            "roots": len(roots),
+        }
+        if self.picture is not None:
+            _draw(self.picture, head.scalp_uv.numpy(), roots.uv.numpy())
+        if self.json:
+            sys.stdout.write(json.dumps(figures) + "\n")
+            return
+        sys.stdout.write("".join(f"{name.replace('_', ' '):<20}{value}\n" for name, value in figures.items()))
+
+
+def _draw(path: Path, uv: "np.ndarray", roots: "np.ndarray") -> None:
+    """Draw the chart's faces and the roots on it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    from neural_strands.foundation.files import atomic_file
+
+    figure = Figure(figsize=(8, 8), dpi=120)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.06, 0.06, 0.92, 0.92))
+    axes.add_collection(PolyCollection(list(uv), facecolor="#dfe7f0", edgecolor="#8899aa", linewidth=0.4))
+    axes.scatter(roots[:, 0], roots[:, 1], s=3, color="#b04a2f")
+    axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="u (right)", ylabel="v (towards the nape)", aspect="equal")
+    with atomic_file(path) as temporary:
+        figure.savefig(temporary)
