@@ -1,18 +1,25 @@
 """Keeping strands out of the head: push points out, then integrate the strand again so that it keeps its length."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
 from neural_strands.geometry.strands import segments
 from neural_strands.synthesis.distance_grid import LARGEST_ERROR, DistanceGrid
+from neural_strands.synthesis.shorten import shorten
 
 CLEARANCE = 0.0004
 """Least height of strands above the skin once they have left it (m)."""
 RISE = 0.3
 """How fast the clearance is reached from the root: height over length."""
+ROOMS = (CLEARANCE, 0.003, 0.007)
+"""Heights above the skin (m) tried one after the other on strands that enter the head."""
+TORN = 4.0
+"""A segment this many times longer than its strand's median was torn apart by a correction."""
+SHORTEST = 1
+"""Points that a strand keeps beyond its root wherever it enters."""
 ROUNDS = 4
 """Coarse corrections, each followed by an integration of the whole strand."""
 EXACT_ROUNDS = 3
@@ -22,19 +29,21 @@ EXACT_ROUNDS = 3
 def keep_outside(
     points: Float[Tensor, "strand point 3"], grid: DistanceGrid, mesh: Mesh
 ) -> Float[Tensor, "strand point 3"]:
-    """Move strands out of the head; roots stay, and arc lengths are kept up to the last fine correction."""
-    wanted = _clearance(points)
+    """Move strands out of the head, points and segments alike; roots stay.
+
+    Strands that still cross a thin part (an ear) are led around it with more room, and where that fails too they end
+    before it. Arc lengths are kept up to the last fine correction.
+    """
+    index = SignedDistanceIndex(mesh)
     result = points.clone()
-    for _ in range(ROUNDS):
-        distance, outward = grid.sample(result)
-        missing = (wanted - distance).clamp(min=0.0)
-        missing[:, 0] = 0.0
-        hit = (missing > 0.0).any(dim=1)
-        if not hit.any():
-            break
-        pushed = result[hit] + missing[hit][..., None] * outward[hit]
-        result[hit] = integrate_again(pushed, segments(result[hit]).norm(dim=-1))
-    _lift_exactly(result, wanted, grid, SignedDistanceIndex(mesh))
+    entering = torch.arange(len(points), device=points.device)
+    for room in ROOMS:
+        result[entering] = _pushed(points[entering], room, grid, index)
+        entering = entering[_first_entry(result[entering], grid, index) < points.shape[1]]
+        if len(entering) == 0:
+            return result
+    last = _first_entry(result[entering], grid, index) - 1
+    result[entering] = shorten(result[entering], last.clamp(min=SHORTEST).to(points))
     return result
 
 
@@ -49,9 +58,40 @@ def integrate_again(
     return torch.stack(points, dim=1)
 
 
-def _clearance(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
-    arc = segments(points).norm(dim=-1).cumsum(dim=-1)
-    return torch.nn.functional.pad((RISE * arc).clamp(max=CLEARANCE), (1, 0))
+def _pushed(
+    points: Float[Tensor, "strand point 3"], room: float, grid: DistanceGrid, index: SignedDistanceIndex
+) -> Float[Tensor, "strand point 3"]:
+    """Points pushed to `room` metres above the skin by the grid, then to CLEARANCE at least by the triangles."""
+    arc = torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
+    result = points.clone()
+    for _ in range(ROUNDS):
+        distance, outward = grid.sample(result)
+        missing = ((RISE * arc).clamp(max=room) - distance).clamp(min=0.0)
+        missing[:, 0] = 0.0
+        hit = (missing > 0.0).any(dim=1)
+        if not hit.any():
+            break
+        pushed = result[hit] + missing[hit][..., None] * outward[hit]
+        result[hit] = integrate_again(pushed, segments(result[hit]).norm(dim=-1))
+    _lift_exactly(result, (RISE * arc).clamp(max=CLEARANCE), grid, index)
+    return result
+
+
+def _first_entry(
+    points: Float[Tensor, "strand point 3"], grid: DistanceGrid, index: SignedDistanceIndex
+) -> Int64[Tensor, " strand"]:
+    """The end of the first segment that passes through the head, or the number of points."""
+    count = points.shape[1]
+    middles = (points[:, 1:] + points[:, :-1]) / 2
+    step = segments(points).norm(dim=-1)
+    enters = step > TORN * step.median(dim=1, keepdim=True).values
+    for places in (points[:, 1:], middles):
+        doubtful = grid.sample(places)[0] < LARGEST_ERROR
+        inside = torch.zeros_like(doubtful)
+        if doubtful.any():
+            inside[doubtful] = index(places[doubtful]).distance <= 0.0
+        enters |= inside
+    return torch.where(enters.any(dim=1), enters.int().argmax(dim=1) + 1, count)
 
 
 def _lift_exactly(

@@ -7,6 +7,7 @@ from torch import Tensor
 from neural_strands.scalp.roots import Roots
 from neural_strands.synthesis.comb import ScalpFrame, comb_directions
 from neural_strands.synthesis.distance_grid import DistanceGrid
+from neural_strands.synthesis.shorten import shorten
 from neural_strands.synthesis.styles import Style
 
 POINTS = 100
@@ -25,7 +26,7 @@ CLEARANCE = 0.0006
 
 def grow(
     roots: Roots, frame: ScalpFrame, grid: DistanceGrid, style: Style, generator: torch.Generator
-) -> Float[Tensor, "root {POINTS} 3"]:
+) -> Float[Tensor, "root 100 3"]:
     """Integrate one smooth strand of POINTS points from each root.
 
     Each step bends the direction towards the ground, goes forward, and is lifted to the strand's layer above the skin
@@ -74,11 +75,7 @@ def cut(
     count = points.shape[1]
     below = points[:, :, 1] < level[:, None]
     last = torch.where(below.any(dim=1), below.float().argmax(dim=1), count - 1).clamp(min=count // 8)
-    position = last[:, None] * torch.linspace(0.0, 1.0, count, device=points.device)
-    left = position.floor().long().clamp(max=count - 2)
-    weight = (position - left)[..., None]
-    picked = [points.gather(1, index[..., None].expand(-1, -1, 3)) for index in (left, left + 1)]
-    return picked[0] * (1 - weight) + picked[1] * weight
+    return shorten(points, last.to(points))
 
 
 def _tip_level(roots: Roots, style: Style, generator: torch.Generator) -> Float[Tensor, " root"] | None:

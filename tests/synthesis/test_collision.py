@@ -43,6 +43,19 @@ def test_strands_through_the_ball_end_outside_with_their_roots_kept(generator):
     assert later.min() > CLEARANCE - 1e-4
 
 
+def test_strands_through_a_thin_plate_go_around_or_end_before_it():
+    plate = trimesh.creation.box(extents=(0.08, 0.003, 0.08)).subdivide().subdivide().subdivide()
+    mesh = Mesh(torch.tensor(plate.vertices).float(), torch.tensor(plate.faces).long())
+    place = torch.linspace(-0.035, 0.035, 15)
+    height = torch.linspace(0.03, -0.05, 100)
+    strands = torch.stack(torch.broadcast_tensors(place[:, None], height[None], torch.tensor(0.0)), dim=-1)
+    kept = keep_outside(strands.contiguous(), DistanceGrid.build(mesh), mesh)
+    fine = torch.cat([torch.lerp(kept[:, :-1], kept[:, 1:], t) for t in (0.0, 0.25, 0.5, 0.75)], dim=1)
+    inside = (fine[..., 0].abs() < 0.0399) & (fine[..., 1].abs() < 0.0014) & (fine[..., 2].abs() < 0.0399)
+    assert not inside.any()
+    assert torch.equal(kept[:, 0], strands[:, 0])
+
+
 def test_strands_that_touch_nothing_are_left_alone(generator):
     strands = _through_the_ball(generator) * torch.tensor([1.0, 1.0, 1.0]) + torch.tensor([1.0, 0.0, 0.0])
     mesh = _ball()

@@ -1,7 +1,5 @@
 """The dome: cameras where they were asked to be, all of the hair in every frame."""
 
-import math
-
 import pytest
 import torch
 

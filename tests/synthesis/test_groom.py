@@ -49,8 +49,9 @@ def test_strands_are_smooth_and_have_a_plausible_length(styled):
 
 
 def test_the_seed_decides_the_groom():
-    assert torch.equal(_groom("wavy", 3).points, _groom("wavy", 3).points)
-    assert not torch.equal(_groom("wavy", 3).points, _groom("wavy", 4).points)
+    first = _groom("wavy", 3, 100).points
+    assert torch.equal(first, _groom("wavy", 3, 100).points)
+    assert not torch.equal(first, _groom("wavy", 4, 100).points)
 
 
 def test_a_parting_sends_hair_to_both_sides():
@@ -68,7 +69,7 @@ def test_strands_vary_in_width_and_colour_and_taper():
     assert groom.width is not None
     assert groom.color is not None
     assert (groom.width[:, 0] > groom.width[:, -1]).all()
-    assert groom.color.std(dim=0).min() > 0.005
+    assert (groom.color.std(dim=0) > 0.1 * groom.color.mean(dim=0)).all()
     # Brown hair: more red than green than blue.
     assert (groom.color.mean(dim=0).diff() < 0).all()
 
