@@ -79,7 +79,7 @@ def _draw(path: Path, uv: "np.ndarray", roots: "np.ndarray") -> None:
 
     figure = Figure(figsize=(8, 8), dpi=120)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.06, 0.06, 0.92, 0.92))
+    axes = figure.add_axes((0.09, 0.07, 0.9, 0.9))
     axes.add_collection(PolyCollection(list(uv), facecolor="#dfe7f0", edgecolor="#8899aa", linewidth=0.4))
     axes.scatter(roots[:, 0], roots[:, 1], s=3, color="#b04a2f")
     axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="u (right)", ylabel="v (towards the nape)", aspect="equal")
