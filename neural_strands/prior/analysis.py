@@ -18,8 +18,11 @@ from neural_strands.prior.synthesiser import Synthesiser, times
 
 DIRECTION_WEIGHT = 0.03
 """Weight of an error in dp/dt against one in position, both in strand lengths."""
-RIDGE = 1e-5
-"""Regularisation of the amplitudes, relative to the mean diagonal of their normal equations."""
+RIDGE = 2e-4
+"""Cost of the curl's squared amplitudes. The slowest curls resemble the fastest smooth functions: without it large
+amplitudes of both cancel, and straight hair seems to curl."""
+DAMPING = 1e-3
+"""Regularisation of a Gauss-Newton step, relative to the mean diagonal of its normal equations."""
 GRID = 48
 """Curl frequencies that are tried."""
 BLOCK = 256
@@ -122,7 +125,8 @@ class Analysis:
         columns = (slope[:, None] * by_phase[:, None]).flatten(1, 2) @ self.project
         columns = columns - solve_ridge(basis, columns) @ basis
         jacobian = columns.unflatten(1, (len(by_phase), 3)).flatten(2)
-        step = solve_ridge(jacobian, residual.flatten(1)[:, None], 1e-3)[:, 0]
+        size = jacobian.square().sum(dim=2).mean(dim=1)[:, None, None] + 1e-12
+        step = solve_ridge(jacobian, residual.flatten(1)[:, None], DAMPING * size)[:, 0]
         low, high = self.bounds
         return (frequency + step[:, 0]).clamp(low * 1.001, high * 0.999), warp + step[:, 1:].clamp(-1.0, 1.0)
 
@@ -168,12 +172,13 @@ def squared(residual: Float[Tensor, "strand 3 step"]) -> Float[Tensor, " strand"
 
 
 def solve_ridge(
-    basis: Float[Tensor, "strand unit step"], target: Float[Tensor, "strand row step"], ridge: float = RIDGE
+    basis: Float[Tensor, "strand unit step"],
+    target: Float[Tensor, "strand row step"],
+    ridge: float | Float[Tensor, "strand 1 1"] = RIDGE,
 ) -> Float[Tensor, "strand row unit"]:
-    """Weights of the basis' functions that come closest to each target, by regularised normal equations."""
+    """Weights that minimise |target - weights @ basis|^2 + ridge |weights|^2, by normal equations."""
     normal = basis @ basis.transpose(1, 2)
-    scale = normal.diagonal(dim1=1, dim2=2).mean(dim=1)[:, None, None] + 1e-12
-    damped = normal + ridge * scale * torch.eye(normal.shape[1], device=normal.device)
+    damped = normal + ridge * torch.eye(normal.shape[1], device=normal.device)
     return torch.linalg.solve(damped, basis @ target.transpose(1, 2)).transpose(1, 2)
 
 

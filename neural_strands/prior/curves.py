@@ -182,7 +182,7 @@ def _wound_offset(draw: _Draw, base: Float[Tensor, "curve fine 3"], winding: _Wi
     handed = draw.chance(0.5) * 2 - 1
     warped = t[None] * (1 + 0.15 * (draw.chance(0.4) * draw.normal())[:, None] * (t[None] - 1))
     turned = (handed * 2 * math.pi * winding.turns)[:, None] * warped
-    phase = turned + wander + draw.uniform(0, 2 * math.pi)[:, None]
+    phase = turned + wander + draw.uniform(0.0, 2 * math.pi)[:, None]
     grow = draw.log_uniform(0.01, 0.4)[:, None]
     rise = draw.chance(0.75)[:, None]
     envelope = (1 - rise) + rise * (1 - torch.exp(-3 * t[None] / grow))

@@ -17,7 +17,7 @@ from neural_strands.prior.synthesiser import Modulations, Synthesiser, Synthesis
 
 SHORTEST, LONGEST = 0.003, 2.0
 """Strand lengths (metres) that the generator reaches; training covers 0.01 to 0.60."""
-LARGEST_GAIN = 0.6
+LARGEST_GAIN = 1.0
 """Bound of the root mean square of the second layer's amplitudes, in strand lengths."""
 
 

@@ -23,13 +23,15 @@ class CouplingModulator(nn.Module):
             raise ValueError(f"coupling layers need an even latent, got {latent}")
         self.kept = latent // 2
         order = torch.Generator().manual_seed(0)
-        orders = [torch.randperm(latent, generator=order) for _ in range(layers)]
+        orders = torch.stack([torch.arange(latent)] + [torch.randperm(latent, generator=order) for _ in range(layers)])[
+            1:
+        ]
         total = torch.arange(latent)
         for each in orders:
             total = total[each]
         self.order: Int64[Tensor, "layer latent"]
         self.restore: Int64[Tensor, " latent"]
-        self.register_buffer("order", torch.stack(orders))
+        self.register_buffer("order", orders)
         self.register_buffer("restore", torch.argsort(total))
         self.networks = nn.ModuleList(_network(self.kept, hidden, latent) for _ in range(layers))
 

@@ -1,7 +1,7 @@
 """The strand prior as the program uses it: generator and encoder together, their file, and their limits."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,22 @@ class StrandPrior(nn.Module):
         """Reconstruction from a sampled latent (mean + noise x deviation), mean and log deviation."""
         mean, log_std = self.encoder(points)
         return self.generator(mean + noise * log_std.exp(), points.shape[1]), mean, log_std
+
+    def without_modulator(self) -> "StrandPrior":
+        """The same strands from other latents: those that the coupling modulator gives its linear map.
+
+        They have zero mean and unit covariance over the curves too, and are quicker to decode and better conditioned,
+        which suits a fit; but samples of N(0, I) and straight lines between latents look less like hair.
+
+        Raises:
+            ValueError: the modulator is the paper's MLP.
+        """
+        if self.generator.config.modulator != "coupling":
+            raise ValueError("only a coupling modulator can be left out")
+        bare = StrandPrior(replace(self.generator.config, layers=0), self.encoder.config)
+        kept = {name: value for name, value in self.state_dict().items() if "modulator" not in name}
+        bare.load_state_dict(kept, strict=False)
+        return bare.to(self.generator.linear.weight.device).eval().requires_grad_(False)
 
     @torch.no_grad()
     def encode(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:

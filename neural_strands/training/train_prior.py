@@ -32,7 +32,7 @@ from neural_strands.training.prior_losses import gaussian_likelihood, kl_diverge
 
 HELD_OUT = 512
 """Curves, never trained on, whose error the progress bar shows."""
-NOISY = 64
+NOISY = 32
 """Curves of a batch that are also decoded from noisy latents in the default's last stage."""
 
 
@@ -54,7 +54,7 @@ class PriorLossConfig:
 class TrainPriorConfig:
     """How the strand prior is trained."""
 
-    steps: int = 24000
+    steps: int = 12000
     """Steps of the last stage (of all, in the paper's preset); the learning rate falls to zero over them."""
     sine_steps: int = 1500
     """Steps of the second stage, which trains the synthesiser's sines."""

@@ -1,0 +1,146 @@
+"""The prior's file and its limits."""
+
+import struct
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.strands import lengths
+from neural_strands.prior.curves import synthetic_curves
+from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.vae import SHIPPED, StrandPrior, load_prior, save_prior
+
+
+@pytest.fixture(scope="module")
+def prior() -> StrandPrior:
+    return load_prior()
+
+
+@pytest.fixture(scope="module")
+def curves() -> torch.Tensor:
+    return synthetic_curves(50, torch.Generator().manual_seed(0))
+
+
+def test_reading_what_was_written_is_the_identity(prior: StrandPrior, tmp_path: Path) -> None:
+    save_prior(prior, tmp_path / "prior.safetensors", {"seed": "0"})
+    again = load_prior(tmp_path / "prior.safetensors")
+    assert again.generator.config == prior.generator.config
+    assert again.encoder.config == prior.encoder.config
+    for name, value in prior.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name])
+
+
+def test_shipped_weights_are_small_frozen_and_load_quickly() -> None:
+    assert SHIPPED.stat().st_size < 4_000_000
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        prior = load_prior()
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 0.1
+    assert not any(value.requires_grad for value in prior.parameters())
+
+
+def test_curves_survive_the_round_trip(prior: StrandPrior, curves: torch.Tensor) -> None:
+    assert 1000 * (prior.decode(prior.encode(curves)) - curves).norm(dim=-1).mean() < 0.2
+
+
+def test_strands_are_moved_to_the_root_and_resampled(prior: StrandPrior, curves: torch.Tensor) -> None:
+    moved = curves + torch.tensor([1.0, 2.0, 3.0])
+    torch.testing.assert_close(prior.decode(prior.encode(moved)), prior.decode(prior.encode(curves)), atol=2e-3, rtol=0)
+    coarse = prior.decode(prior.encode(curves[:, ::3]), 100)
+    assert 1000 * (coarse - curves).norm(dim=-1).median() < 0.5
+
+
+def test_without_modulator_the_strands_are_the_same(prior: StrandPrior, curves: torch.Tensor) -> None:
+    bare = prior.without_modulator()
+    torch.testing.assert_close(bare.decode(bare.encode(curves)), prior.decode(prior.encode(curves)), atol=1e-4, rtol=0)
+    with pytest.raises(ValueError, match="only a coupling modulator"):
+        StrandPrior(GeneratorConfig(modulator="mlp")).without_modulator()
+
+
+def test_latents_of_curves_are_near_standard_normal(prior: StrandPrior) -> None:
+    latent = prior.encode(synthetic_curves(1000, torch.Generator().manual_seed(7)))
+    assert latent.mean(dim=0).abs().max() < 0.25
+    assert 0.7 < latent.std(dim=0).min()
+    assert latent.std(dim=0).max() < 1.4
+
+
+def test_samples_are_strands_of_plausible_length_without_spikes(prior: StrandPrior, generator: torch.Generator) -> None:
+    strands = prior.decode(torch.randn(1000, 64, generator=generator))
+    length = lengths(strands)
+    assert torch.isfinite(strands).all()
+    assert 0.005 < length.quantile(0.01)
+    assert length.quantile(0.99) < 1.0
+    step = strands.diff(dim=1).norm(dim=-1) / (length[:, None] / 99)
+    assert (step - 1).abs().median() < 0.25
+
+
+def test_no_strand_has_no_latent(prior: StrandPrior) -> None:
+    assert prior.encode(torch.zeros(0, 100, 3)).shape == (0, 64)
+
+
+def test_strands_longer_than_in_training_are_encoded_at_their_scale(prior: StrandPrior) -> None:
+    curves = synthetic_curves(20, torch.Generator().manual_seed(3))
+    long = curves * (1.2 / lengths(curves))[:, None, None]
+    error = (prior.decode(prior.encode(long)) - long).norm(dim=-1).mean()
+    assert error < 0.005 * 1.2
+
+
+@pytest.mark.parametrize(
+    ("strands", "message"),
+    [
+        (torch.zeros(2, 1, 3), "expected at least two points each, got 1; drop them."),
+        (
+            torch.full((3, 100, 3), torch.nan),
+            "3 of 3 hold NaN or infinite coordinates .the first is strand 0.; drop them.",
+        ),
+        (torch.zeros(4, 100, 3), "4 of 4 are shorter than 3 mm or longer than 2 m .strand 0 is 0 m.; check the unit"),
+        (torch.linspace(0, 25, 300).reshape(1, 100, 3), "1 of 1 are shorter .* .strand 0 is 43.01 m.; check the unit"),
+    ],
+)
+def test_strands_without_a_latent_are_refused_in_one_sentence(
+    prior: StrandPrior, strands: torch.Tensor, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        prior.encode(strands)
+
+
+def test_two_points_are_enough(prior: StrandPrior) -> None:
+    strand = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.03, 0.04]]])
+    decoded = prior.decode(prior.encode(strand))
+    torch.testing.assert_close(decoded[0, -1], strand[0, -1], atol=2e-4, rtol=0)
+
+
+def test_broken_weights_are_named_in_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "prior.safetensors"
+    with pytest.raises(InputError, match="found no file"):
+        load_prior(path)
+    whole = SHIPPED.read_bytes()
+    header = 8 + struct.unpack("<Q", whole[:8])[0]
+    for size in (0, 5, header // 2, header, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        with pytest.raises(InputError, match="expected the whole weights of a strand prior") as caught:
+            load_prior(path)
+        assert "\n" not in str(caught.value)
+    save_file({"a": torch.zeros(3)}, path)
+    with pytest.raises(InputError, match="expected the whole weights"):
+        load_prior(path)
+
+
+def test_weights_of_another_shape_are_refused(prior: StrandPrior, tmp_path: Path) -> None:
+    path = tmp_path / "prior.safetensors"
+    save_prior(prior, path, {})
+    from safetensors import safe_open
+
+    with safe_open(path, framework="pt") as file:
+        metadata = file.metadata()
+    tensors = prior.state_dict()
+    tensors["generator.linear.weight"] = tensors["generator.linear.weight"][:, :10].clone()
+    save_file(tensors, path, metadata=metadata)
+    with pytest.raises(InputError, match=r"expected the whole weights of a strand prior, found something else"):
+        load_prior(path)
