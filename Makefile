@@ -12,7 +12,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 demo: $(VENV)/.installed
-	$(BIN)/python -m neural_strands.cli demo demo_out
+	$(BIN)/python -m neural_strands demo demo_out
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ import warp as wp
 
 
 @wp.struct
+@no_type_check
 class Local:
     """The mean line about a place.
 

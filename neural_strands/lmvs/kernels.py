@@ -17,8 +17,14 @@ NEIGHBOURS = wp.constant(8)
 
 Views = wp.types.vector(length=9, dtype=wp.float32)
 
+MOST_SAMPLES = 128
+"""Most samples of a ribbon."""
+
+Samples = wp.types.vector(length=MOST_SAMPLES, dtype=wp.float32)
+
 
 @wp.struct
+@no_type_check
 class Patch:
     """How a hypothesis is sampled and weighed.
 
@@ -26,7 +32,8 @@ class Patch:
         along, across: samples to each side of the centre, along the line and across it.
         step: distance of samples in pixels of the reference.
         intensity: weight of 1 - NCC against the orientation's cost, in [0, 1].
-        prior: cost of a metre behind the hull's surface: hair seen through gaps in hair is the rarer case.
+        prior: cost of a depth `slack` metres or more away from the smooth surface that the first sweep found.
+        slack: metres.
         best: number of neighbours, the best ones, whose mean is the cost.
         views: number of neighbours.
         width, height: of the textures, pixels.
@@ -37,6 +44,7 @@ class Patch:
     step: wp.float32
     intensity: wp.float32
     prior: wp.float32
+    slack: wp.float32
     best: wp.int32
     views: wp.int32
     width: wp.int32
@@ -93,74 +101,96 @@ def line_cost(
     confidence. Intensity term: (1 - NCC) / 2 of the ribbon's brightness. Occluded neighbours drop out: the mean is over
     the best ones, and the reference's own geometric term counts beside it.
     """
-    across = wp.normalize(wp.cross(normal, direction))
-    # A line seen end-on would sample for ever: its steps are cut at twice the footprint.
-    view_ray = homogeneous(projection, 0, point, 1.0)
+    origin = homogeneous(projection, 0, point, 1.0)
     motion = homogeneous(projection, 0, direction, 0.0)
-    speed = wp.length(
-        wp.vec2(motion[0] * view_ray[2] - view_ray[0] * motion[2], motion[1] * view_ray[2] - view_ray[1] * motion[2])
-    ) / (view_ray[2] * view_ray[2])
+    # A line seen end-on would sample for ever: its steps are cut at twice the footprint.
+    motion_u = motion[0] * origin[2] - origin[0] * motion[2]
+    motion_v = motion[1] * origin[2] - origin[1] * motion[2]
+    speed = wp.length(wp.vec2(motion_u, motion_v)) / (origin[2] * origin[2])
     step_along = patch.step * wp.min(1.0 / wp.max(speed, 1.0e-9), 2.0 * footprint)
-    step_across = patch.step * footprint
-    sum_i = Views()
-    sum_ii = Views()
-    sum_ij = Views()
-    angle_cost = Views()
-    angle_weight = Views()
-    inside = Views()
-    base_u = Views()
+    along = direction * step_along
+    across = wp.normalize(wp.cross(normal, direction)) * (patch.step * footprint)
+    reference = Samples()
     sum_r = float(0.0)
     sum_rr = float(0.0)
-    count = float(0.0)
+    own = float(0.0)
+    own_weight = float(0.0)
+    line = doubled_angle(origin, motion)
+    run = homogeneous(projection, 0, along, 0.0)
+    side = homogeneous(projection, 0, across, 0.0)
+    index = int(0)
     for a in range(-patch.along, patch.along + 1):
         for b in range(-patch.across, patch.across + 1):
-            sample = point + direction * (float(a) * step_along) + across * (float(b) * step_across)
-            image = homogeneous(projection, 0, sample, 1.0)
-            reference = fetch(texture, 0, image[0] / image[2], image[1] / image[2], patch.width, patch.height)
-            line = doubled_angle(image, motion)
-            angle_cost[0] += 0.5 * (reference[2] - reference[0] * line[0] - reference[1] * line[1])
-            angle_weight[0] += reference[2]
-            r = reference[3]
-            sum_r += r
-            sum_rr += r * r
-            count += 1.0
-            for j in range(1, patch.views + 1):
-                seen = homogeneous(projection, j, sample, 1.0)
-                u = seen[0] / seen[2]
-                v = seen[1] / seen[2]
-                if seen[2] > 0.0 and u > 0.0 and v > 0.0 and u < float(patch.width) and v < float(patch.height):
-                    value = fetch(texture, j, u, v, patch.width, patch.height)
-                    moved = homogeneous(projection, j, direction, 0.0)
-                    turned = doubled_angle(seen, moved)
-                    angle_cost[j] += 0.5 * (value[2] - value[0] * turned[0] - value[1] * turned[1])
-                    angle_weight[j] += value[2]
-                    sum_i[j] += value[3]
-                    sum_ii[j] += value[3] * value[3]
-                    sum_ij[j] += value[3] * r
-                    inside[j] += 1.0
-    variance_r = sum_rr / count - (sum_r / count) * (sum_r / count)
+            image = origin + run * float(a) + side * float(b)
+            value = fetch(texture, 0, image[0] / image[2], image[1] / image[2], patch.width, patch.height)
+            own += 0.5 * (value[2] - value[0] * line[0] - value[1] * line[1])
+            own_weight += value[2]
+            reference[index] = value[3]
+            sum_r += value[3]
+            sum_rr += value[3] * value[3]
+            index += 1
+    count = float(index)
+    variance_r = wp.max(sum_rr / count - sum_r * sum_r / (count * count), 1.0e-7)
+    costs = Views()
     for j in range(1, patch.views + 1):
-        cost = float(2.0)
-        if inside[j] > 0.99 * count:
-            mean_i = sum_i[j] / count
-            variance_i = sum_ii[j] / count - mean_i * mean_i
-            covariance = sum_ij[j] / count - mean_i * sum_r / count
-            ncc = covariance / wp.sqrt(wp.max(variance_r, 1.0e-7) * wp.max(variance_i, 1.0e-7))
-            geometric = angle_cost[j] / wp.max(angle_weight[j], 1.0e-4)
-            if angle_weight[j] < 1.0e-3 * count:
-                geometric = 0.5
-            cost = (1.0 - patch.intensity) * geometric + patch.intensity * 0.5 * (1.0 - wp.clamp(ncc, -1.0, 1.0))
-        base_u[j] = cost
+        costs[j] = 1.0
+        origin = homogeneous(projection, j, point, 1.0)
+        run = homogeneous(projection, j, along, 0.0)
+        side = homogeneous(projection, j, across, 0.0)
+        reach_a = float(patch.along)
+        reach_b = float(patch.across)
+        if (
+            inside(origin + run * reach_a + side * reach_b, patch)
+            and inside(origin - run * reach_a + side * reach_b, patch)
+            and inside(origin + run * reach_a - side * reach_b, patch)
+            and inside(origin - run * reach_a - side * reach_b, patch)
+        ):
+            line = doubled_angle(origin, run)
+            sum_i = float(0.0)
+            sum_ii = float(0.0)
+            sum_ir = float(0.0)
+            angle = float(0.0)
+            angle_weight = float(0.0)
+            index = int(0)
+            for a in range(-patch.along, patch.along + 1):
+                for b in range(-patch.across, patch.across + 1):
+                    image = origin + run * float(a) + side * float(b)
+                    value = fetch(texture, j, image[0] / image[2], image[1] / image[2], patch.width, patch.height)
+                    angle += 0.5 * (value[2] - value[0] * line[0] - value[1] * line[1])
+                    angle_weight += value[2]
+                    sum_i += value[3]
+                    sum_ii += value[3] * value[3]
+                    sum_ir += value[3] * reference[index]
+                    index += 1
+            variance_i = wp.max(sum_ii / count - sum_i * sum_i / (count * count), 1.0e-7)
+            ncc = (sum_ir / count - sum_i * sum_r / (count * count)) / wp.sqrt(variance_r * variance_i)
+            geometric = float(0.5)
+            if angle_weight > 1.0e-3 * count:
+                geometric = angle / angle_weight
+            costs[j] = (1.0 - patch.intensity) * geometric + patch.intensity * 0.5 * (1.0 - wp.clamp(ncc, -1.0, 1.0))
     total = float(0.0)
     for _k in range(patch.best):
         lowest = int(1)
         for j in range(2, patch.views + 1):
-            if base_u[j] < base_u[lowest]:
+            if costs[j] < costs[lowest]:
                 lowest = j
-        total += wp.min(base_u[lowest], 1.0)
-        base_u[lowest] = 3.0
-    own = angle_cost[0] / wp.max(angle_weight[0], 1.0e-4)
-    return (total + (1.0 - patch.intensity) * own) / (float(patch.best) + 1.0 - patch.intensity)
+        total += wp.min(costs[lowest], 1.0)
+        costs[lowest] = 3.0
+    share = 1.0 - patch.intensity
+    return (total + share * own / wp.max(own_weight, 1.0e-4)) / (float(patch.best) + share)
+
+
+@wp.func
+@no_type_check
+def inside(image: wp.vec3, patch: Patch) -> bool:
+    """Whether a homogeneous pixel lies in front of the camera and in the picture."""
+    return (
+        image[2] > 0.0
+        and image[0] > 0.0
+        and image[1] > 0.0
+        and image[0] < float(patch.width) * image[2]
+        and image[1] < float(patch.height) * image[2]
+    )
 
 
 @wp.func
@@ -191,7 +221,7 @@ def seen_direction(
         seen = homogeneous(projection, j, point, 1.0)
         u = seen[0] / seen[2]
         v = seen[1] / seen[2]
-        if seen[2] > 0.0 and u > 0.0 and v > 0.0 and u < float(patch.width) and v < float(patch.height):
+        if inside(seen, patch):
             other = fetch(texture, j, u, v, patch.width, patch.height)
             plane_normal = seen_plane(other, seen, plane, j)
             weight = wp.length(wp.vec2(other[0], other[1]))
@@ -229,8 +259,31 @@ def sweep(
     normal: wp.array[wp.vec3],
     near: wp.array[float],
     far: wp.array[float],
-    steps: int,
+    offset: wp.array[float],
     pixel_angle: float,
+    texture: wp.array(dtype=wp.vec4, ndim=3),
+    projection: wp.array[wp.mat44],
+    centre: wp.array[wp.vec3],
+    plane: wp.array[wp.mat33],
+    patch: Patch,
+    cost: wp.array(dtype=float, ndim=2),
+) -> None:
+    """Cost at each depth behind the hull's surface, the direction being what the views see there; -1 beyond `far`."""
+    i = start + wp.tid()
+    for k in range(offset.shape[0]):
+        distance = near[i] + offset[k]
+        cost[i, k] = -1.0
+        if distance < far[i]:
+            point = centre[0] + ray[i] * distance
+            line = seen_direction(texture, projection, centre, plane, point, patch)
+            cost[i, k] = line_cost(texture, projection, point, line, normal[i], distance * pixel_angle, patch)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def look(
+    start: int,
+    ray: wp.array[wp.vec3],
     texture: wp.array(dtype=wp.vec4, ndim=3),
     projection: wp.array[wp.mat44],
     centre: wp.array[wp.vec3],
@@ -238,21 +291,10 @@ def sweep(
     patch: Patch,
     depth: wp.array[float],
     direction: wp.array[wp.vec3],
-    cost: wp.array[float],
 ) -> None:
-    """Start: try depths between near and far along each ray, the direction being what the views see there."""
+    """Direction that the views agree on at each pixel's depth."""
     i = start + wp.tid()
-    for k in range(steps):
-        fraction = (float(k) + 0.5) / float(steps)
-        distance = near[i] + (far[i] - near[i]) * fraction * wp.sqrt(fraction)
-        point = centre[0] + ray[i] * distance
-        line = seen_direction(texture, projection, centre, plane, point, patch)
-        found = line_cost(texture, projection, point, line, normal[i], distance * pixel_angle, patch)
-        found += patch.prior * (distance - near[i])
-        if found < cost[i]:
-            cost[i] = found
-            depth[i] = distance
-            direction[i] = line
+    direction[i] = seen_direction(texture, projection, centre, plane, centre[0] + ray[i] * depth[i], patch)
 
 
 @wp.kernel(enable_backward=False)
@@ -265,6 +307,7 @@ def improve(
     normal: wp.array[wp.vec3],
     near: wp.array[float],
     far: wp.array[float],
+    anchor: wp.array[float],
     trials: int,
     depth_range: float,
     angle_range: float,
@@ -287,6 +330,11 @@ def improve(
     best_cost = cost[i]
     best_depth = depth[i]
     best_line = direction[i]
+    if best_cost > 2.0:
+        best_cost = line_cost(
+            texture, projection, centre[0] + ray[i] * best_depth, best_line, normal[i], best_depth * pixel_angle, patch
+        )
+        best_cost += patch.prior * wp.min(wp.abs(best_depth - anchor[i]) / patch.slack, 1.0)
     for k in range(adjacent.shape[1]):
         other = adjacent[i, k]
         if other >= 0:
@@ -299,7 +347,7 @@ def improve(
                 found = line_cost(
                     texture, projection, centre[0] + ray[i] * distance, line, normal[i], distance * pixel_angle, patch
                 )
-                found += patch.prior * (distance - near[i])
+                found += patch.prior * wp.min(wp.abs(distance - anchor[i]) / patch.slack, 1.0)
                 if found < best_cost:
                     best_cost = found
                     best_depth = distance
@@ -314,7 +362,7 @@ def improve(
         found = line_cost(
             texture, projection, centre[0] + ray[i] * distance, line, normal[i], distance * pixel_angle, patch
         )
-        found += patch.prior * (distance - near[i])
+        found += patch.prior * wp.min(wp.abs(distance - anchor[i]) / patch.slack, 1.0)
         if found < best_cost and distance > near[i] and distance < far[i]:
             best_cost = found
             best_depth = distance
@@ -323,3 +371,21 @@ def improve(
     cost[i] = best_cost
     depth[i] = best_depth
     direction[i] = best_line
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def evaluate(
+    start: int,
+    point: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    footprint: wp.array[float],
+    texture: wp.array(dtype=wp.vec4, ndim=3),
+    projection: wp.array[wp.mat44],
+    patch: Patch,
+    cost: wp.array[float],
+) -> None:
+    """Cost of given lines."""
+    i = start + wp.tid()
+    cost[i] = line_cost(texture, projection, point[i], direction[i], normal[i], footprint[i], patch)

@@ -22,7 +22,7 @@ class ChamferConfig:
 
     radius: float = 0.02
     """Farthest neighbour that counts, metres."""
-    surface_radius: float = 0.004
+    surface_radius: float = 0.0015
     """Generated points farther than this from every segment are hidden, and not pulled to the surface, metres."""
     unit: float = 0.002
     """The distance that weighs as much as a direction off by 90 degrees, metres."""

@@ -1,0 +1,123 @@
+"""A whole fit of a tiny capture: it learns, it resumes to the same bits, it refuses what it must."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from tiny_capture import tiny_config, true_segments, write_capture
+
+from neural_strands.capture.capture import Capture
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.signed_distance import signed_distance
+from neural_strands.prior.vae import load_prior
+from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
+from neural_strands.training.fit import fit
+from neural_strands.training.fit_config import FitRates
+from neural_strands.training.prepare import begin, held_out_views, prepare, training_views
+from neural_strands.training.run import find_head
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("capture") / "ball"
+    strands = write_capture(folder)
+    capture = Capture.load(folder)
+    return capture, find_head(capture, None), true_segments(strands)
+
+
+def begin_tiny(scene, config):
+    capture, head, segments = scene
+    data = prepare(capture, head, segments, config, CPU)
+    return begin(data, load_prior(), config), data
+
+
+def run(state, data, config, until=None):
+    figures = []
+
+    def after_step(now, step_figures):
+        figures.append(step_figures)
+        if until is not None and now.step == until:
+            raise StopIteration
+
+    if until is None:
+        fit(state, data, config, after_step=after_step)
+    else:
+        with pytest.raises(StopIteration):
+            fit(state, data, config, after_step=after_step)
+    return figures
+
+
+def test_every_fifth_view_is_held_out(scene):
+    capture, _, _ = scene
+    config = tiny_config()
+    assert held_out_views(capture, config) == [4]
+    assert training_views(capture, config) == [0, 1, 2, 3, 5]
+    assert held_out_views(capture, replace(config, hold_out_every=0)) == []
+
+
+def test_a_fit_brings_strands_to_segments_and_images_to_photographs(scene):
+    config = tiny_config(steps=60, initialise="mean", rates=FitRates(shape=3e-2))
+    state, data = begin_tiny(scene, config)
+    figures = run(state, data, config)
+    shape = [row["coverage"] for row in figures if "coverage" in row]
+    image = [row["render"] for row in figures if "render" in row]
+    assert sum(shape[-5:]) < 0.9 * sum(shape[:5])
+    assert sum(image[-5:]) < 0.8 * sum(image[:5])
+    depth = signed_distance(state.drawn[:, 6:].reshape(-1, 3), data.head.mesh).distance
+    assert (depth < -0.002).float().mean() < 0.02
+    torch.testing.assert_close(state.drawn[:, 0], state.model.root_position, atol=1e-5, rtol=0)
+
+
+def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
+    config = tiny_config()
+    whole, data = begin_tiny(scene, config)
+    run(whole, data, config)
+    first, data = begin_tiny(scene, config)
+    run(first, data, config, until=8)
+    save_checkpoint(first, tmp_path / "checkpoint.pt")
+    second, data = begin_tiny(scene, config)
+    load_checkpoint(second, tmp_path / "checkpoint.pt")
+    assert second.step == 8
+    run(second, data, config)
+    for (name, ours), theirs in zip(second.model.state_dict().items(), whole.model.state_dict().values(), strict=True):
+        assert torch.equal(ours, theirs), name
+    assert torch.equal(second.drawn, whole.drawn)
+
+
+def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
+    config = tiny_config()
+    state, _ = begin_tiny(scene, config)
+    path = tmp_path / "checkpoint.pt"
+    save_checkpoint(state, path)
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(InputError, match="whole"):
+        load_checkpoint(state, path)
+    with torch.no_grad():
+        state.model.textures.appearance[0, 0, 0] = float("nan")
+    save_checkpoint(state, path)
+    with pytest.raises(InputError, match="NaN in textures"):
+        load_checkpoint(state, path)
+
+
+def test_without_masks_the_hair_volume_comes_from_the_segments(tmp_path):
+    strands = write_capture(tmp_path / "plain", with_masks=False)
+    capture = Capture.load(tmp_path / "plain")
+    config = tiny_config(steps=2)
+    data = prepare(capture, find_head(capture, None), true_segments(strands), config, CPU)
+    state = begin(data, load_prior(), config)
+    tips = state.drawn[:, -1]
+    assert torch.isfinite(tips).all()
+    assert float(torch.cdist(tips, strands.reshape(-1, 3)).amin(dim=1).median()) < 0.01
+
+
+def test_inputs_that_no_fit_can_come_of_are_refused(scene):
+    capture, head, segments = scene
+    config = tiny_config()
+    with pytest.raises(InputError, match="at least 3 training views, came 2"):
+        prepare(capture.subset([0, 1]), head, segments, config, CPU)
+    with pytest.raises(InputError, match="segment points"):
+        prepare(capture, head, segments.select(torch.arange(20)), config, CPU)
+    with pytest.raises(InputError, match="align or scale"):
+        prepare(capture, head.transformed(1.0, torch.eye(3), torch.tensor([2.0, 0.0, 0.0])), segments, config, CPU)

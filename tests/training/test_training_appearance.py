@@ -1,0 +1,146 @@
+"""Appearance of given strands: crops, first colours in closed form, and a fit that finds a known picture."""
+
+import copy
+
+import pytest
+import torch
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.unet import UNetConfig
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.texture import sample_texture
+from neural_strands.scalp.roots import Roots
+from neural_strands.training.appearance import AppearanceConfig, cosine, fit_appearance, random_crop
+from neural_strands.training.first_colours import filled, initialise_colours, spread, strand_colours
+from neural_strands.training.observation import Observation
+
+STRANDS = 80
+
+
+@pytest.fixture
+def scene(generator):
+    """A model, upright strands on a square, and two cameras above them."""
+    position = torch.rand(STRANDS, 3, generator=generator) * torch.tensor([0.1, 0.0, 0.1])
+    frame = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]).T.expand(STRANDS, 3, 3).contiguous()
+    uv = 10 * position[:, [0, 2]]
+    corners = torch.tensor([[-0.05, -1e-3, -0.05], [0.15, -1e-3, -0.05], [0.15, -1e-3, 0.15], [-0.05, -1e-3, 0.15]])
+    body = Mesh(corners, torch.tensor([[0, 2, 1], [0, 3, 2]]))
+    config = HairModelConfig(
+        ScalpTextureConfig(shape_size=4, appearance_size=128, appearance_channels=4),
+        UNetConfig(widths=(8, 8)),
+        SurroundConfig(background_texture=4),
+    )
+    model = HairModel(config, Roots(position, uv, frame, torch.zeros(STRANDS)), StrandGenerator(), body, generator)
+    along = torch.linspace(0, 0.02, 6)[:, None] * torch.tensor([0.5, 1.0, 0.0])
+    strands = Strands(position[:, None] + along, root_uv=uv)
+    middle = torch.tensor([0.05, 0.0, 0.05])
+    eyes = ([0.05, 0.4, 0.3], [0.2, 0.5, 0.05])
+    cameras = [Camera.look_at(torch.tensor(eye), middle, 120.0, (64, 48)) for eye in eyes]
+    return model, strands, cameras
+
+
+def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Tensor) -> Observation:
+    """Strands of given colours wherever one is drawn, white body, blue background."""
+    drawing = model.draw(strands, camera)
+    factor = model.config.supersample
+    strand = drawing.lines.segment[::factor, ::factor] // (strands.points_per_strand - 1)
+    hair = (drawing.lines.segment >= 0)[::factor, ::factor]
+    blocks = drawing.lines.segment.unfold(0, factor, factor).unfold(1, factor, factor)
+    alone = (blocks == blocks[..., :1, :1]).all(dim=(-1, -2)) | (blocks >= 0).any(dim=(-1, -2))
+    on_body = (drawing.body.face >= 0)[::factor, ::factor]
+    image = torch.where(on_body[..., None], torch.ones(3), torch.tensor([0.0, 0.0, 1.0]))
+    image = torch.where(hair[..., None], colour[strand.clamp(min=0)], image)
+    return Observation(camera, image, alone.float() * (blocks >= 0).any(dim=(-1, -2)).float())
+
+
+def test_a_crop_keeps_its_drawing(scene):
+    model, strands, (camera, _) = scene
+    whole = Observation(camera, torch.zeros(48, 64, 3), torch.zeros(48, 64), model.draw(strands, camera))
+    part = whole.cropped(8, 4, 32, 24)
+    fresh = model.draw(strands, part.camera)
+    assert part.drawing is not None
+    assert (part.drawing.lines.segment == fresh.lines.segment).float().mean() > 0.99
+    assert (part.drawing.body.face == fresh.body.face).float().mean() > 0.99
+    with torch.no_grad():
+        kept = model.render(strands, part.camera, drawing=part.drawing)
+        anew = model.render(strands, part.camera)
+    assert (kept.rgb - anew.rgb).abs().mean() < 1e-3
+
+
+def test_crops_are_aligned_and_about_the_hair(generator):
+    mask = torch.zeros(100, 120)
+    mask[60:64, 90:95] = 1
+    camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 100.0, (120, 100))
+    whole = Observation(camera, torch.rand(100, 120, 3, generator=generator), mask)
+    for _ in range(5):
+        part = random_crop(whole, 48, 8, generator)
+        assert part.image.shape == (48, 48, 3)
+        assert part.mask.sum() == 20
+        left, top = (whole.camera.intrinsics - part.camera.intrinsics)[:2, 2].tolist()
+        assert (left % 8, top % 8) == (0, 0)
+        torch.testing.assert_close(part.image, whole.image[int(top) : int(top) + 48, int(left) : int(left) + 48])
+
+
+def test_spreading_is_the_transpose_of_sampling(generator):
+    uv, values = torch.rand(20, 2, generator=generator), torch.randn(20, 3, generator=generator)
+    texture = torch.randn(6, 7, 3, generator=generator)
+    total, weight = spread(values, uv, 6, 7)
+    torch.testing.assert_close((total * texture).sum(), (values * sample_texture(texture, uv)).sum())
+    torch.testing.assert_close(weight.sum(), torch.tensor(20.0))
+
+
+def test_filling_keeps_what_is_known_and_constants_everywhere(generator):
+    weight = (torch.rand(9, 13, 1, generator=generator) > 0.8).float()
+    values = torch.randn(9, 13, 2, generator=generator)
+    result = filled(values * weight, weight)
+    torch.testing.assert_close(result[weight[..., 0] > 0], values[weight[..., 0] > 0])
+    assert result.isfinite().all()
+    torch.testing.assert_close(filled(3 * weight.expand(-1, -1, 2), weight), torch.full((9, 13, 2), 3.0))
+
+
+def test_first_colours_are_those_of_the_pixels(scene, generator):
+    model, strands, cameras = scene
+    colour = torch.rand(STRANDS, 3, generator=generator)
+    targets = [painted(model, strands, camera, colour) for camera in cameras]
+    found, weight = strand_colours(model, strands, targets)
+    sure = weight > 8
+    assert sure.sum() > 10
+    assert (found - colour)[sure].abs().mean() < 0.5 * (colour.mean(dim=0) - colour)[sure].abs().mean()
+    initialise_colours(model, strands, targets)
+    torch.testing.assert_close(model.body.colour.detach(), torch.ones(4, 3), atol=0.2, rtol=0)
+    assert model.background.colour[..., 2].min() > 0.9
+    stored = model.textures.sample_appearance(strands.root_uv)[:, :3].detach() + model.unet.bias[:3].detach()
+    assert (stored - found)[sure].abs().mean() < 0.05
+
+
+def test_a_fit_comes_closer_to_what_another_model_shows(scene, generator):
+    model, strands, cameras = scene
+    teacher = copy.deepcopy(model)
+    with torch.no_grad():
+        teacher.textures.appearance.normal_(generator=generator)
+        teacher.unet.output.mul_(10)
+        views = [(camera, teacher.render(strands, camera)) for camera in cameras]
+    targets = [Observation(camera, output.rgb.sigmoid(), output.alpha) for camera, output in views]
+    config = AppearanceConfig(steps=60, crop=48, margin=4)
+    losses = list(fit_appearance(model, strands, targets, config, generator))
+    assert len(losses) == 60
+    assert sum(losses[-8:]) < 0.5 * sum(losses[:8])
+    assert all(parameter.grad is None for parameter in model.generator.parameters())
+    assert model.textures.shape.grad is None
+
+
+def test_a_fit_without_time_stops_at_once(scene, generator):
+    model, strands, cameras = scene
+    targets = [painted(model, strands, camera, torch.rand(STRANDS, 3, generator=generator)) for camera in cameras]
+    assert list(fit_appearance(model, strands, targets, AppearanceConfig(minutes=1e-9), generator)) == []
+
+
+def test_rates_fall_by_half_a_cosine():
+    assert cosine(0.0, 0.1) == 1.0
+    assert cosine(0.5, 0.1) == pytest.approx(0.55)
+    assert cosine(1.0, 0.1) == pytest.approx(0.1)

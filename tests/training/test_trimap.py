@@ -1,0 +1,36 @@
+"""Trimaps of discs: their borders are where the radii say."""
+
+import torch
+
+from neural_strands.training.trimap import TrimapConfig, dilate, make_trimap
+
+
+def disc(radius, side=101):
+    offset = torch.arange(side) - side // 2
+    return (offset[:, None].square() + offset.square()).sqrt() <= radius
+
+
+def test_dilating_a_disc_gives_a_larger_disc():
+    grown = dilate(disc(20), 6)
+    assert grown[disc(25)].all()
+    assert not grown[~disc(27)].any()
+    assert torch.equal(dilate(disc(20), 0), disc(20))
+
+
+def test_trimap_is_sure_inside_and_outside_and_silent_between():
+    trimap = make_trimap(disc(30), TrimapConfig(dilation=0.03, erosion=0.05))
+    grow, shrink = round(0.03 * 101 * 2**0.5), round(0.05 * 101 * 2**0.5)
+    inside, outside = disc(30 - shrink - 2), ~disc(30 + grow + 1)
+    assert trimap.supervised[inside].all()
+    assert (trimap.alpha[inside] == 1).all()
+    assert trimap.supervised[outside].all()
+    assert (trimap.alpha[outside] == 0).all()
+    border = disc(30) & ~disc(29)
+    assert not trimap.supervised[border].any()
+
+
+def test_holes_between_lines_close():
+    lines = torch.zeros(101, 101, dtype=torch.bool)
+    lines[20:80, 20:80:3] = True
+    trimap = make_trimap(lines, TrimapConfig(dilation=0.03, erosion=0.03))
+    assert (trimap.alpha[40:60, 40:60] == 1).all()
