@@ -51,6 +51,8 @@ def test_a_folder_of_something_else_is_never_touched(tmp_path):
 def test_differences_name_what_changed_appeared_or_went():
     assert differences({"a": 1, "b": 2}, {"a": 1, "b": 3, "c": 4}) == ["b: 2 there, 3 now", "c: None there, 4 now"]
     assert differences({"a": [1]}, {"a": [1]}) == []
+    assert differences({"a": 1, "head_digest": "x"}, {"a": 2, "head_digest": "y"}) == ["a: 1 there, 2 now"]
+    assert differences({"head_digest": "x"}, {"head_digest": "y"}) == ["head_digest: x there, y now"]
 
 
 def test_cameras_come_back_from_transforms(tmp_path):
