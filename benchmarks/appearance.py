@@ -22,7 +22,6 @@ from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
-from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.files import save_hair_model
@@ -35,7 +34,9 @@ from neural_strands.raster.visible import visible_points
 from neural_strands.scalp.chart import chart_faces
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import attach_roots
-from neural_strands.training.appearance import AppearanceConfig, Observation, fit_appearance
+from neural_strands.training.appearance import AppearanceConfig, fit_appearance
+from neural_strands.training.first_colours import strand_colours
+from neural_strands.training.observation import Observation
 
 EVERY = 5
 """One view in this many is held out."""
@@ -59,6 +60,8 @@ class Arguments:
     """Line pixels for each image pixel, along each axis."""
     seed: int = 0
     """Of first weights, views and crops."""
+    report_every: int = 250
+    """Steps between scores of some held-out views on standard error."""
     fit: AppearanceConfig = field(default_factory=AppearanceConfig)
     """Steps and rates."""
 
@@ -74,17 +77,10 @@ def observation(capture: Capture, index: int, scale: float) -> Observation:
     return Observation(camera.resized(width, height), planes[..., :3], planes[..., 3])
 
 
-def strand_colours(model: HairModel, strands: Strands, targets: list[Observation]) -> torch.Tensor:
+def known_colours(model: HairModel, strands: Strands, targets: list[Observation]) -> torch.Tensor:
     """Mean colour of the pixels that each strand is seen at; of its nearest seen neighbours where it is never seen."""
-    total, count = torch.zeros(len(strands), 3), torch.zeros(len(strands), 1)
-    for target in targets:
-        lines = rasterise_lines(strands.points, target.camera, model.body(target.camera).depth)
-        visible = visible_points(lines, strands.points)
-        sure = target.mask.reshape(-1, 1)[visible.pixel]
-        total.index_add_(0, visible.strand, target.image.reshape(-1, 3)[visible.pixel] * sure)
-        count.index_add_(0, visible.strand, sure)
-    seen = count[:, 0] > 0.5
-    colours = total / count.clamp(min=1e-6)
+    colours, weight = strand_colours(model, strands, targets)
+    seen = weight > 0.5
     gap = torch.cdist(strands.root_uv[~seen], strands.root_uv[seen])
     colours[~seen] = colours[seen][gap.topk(4, largest=False).indices].mean(dim=1)
     return colours
@@ -150,12 +146,19 @@ def main(arguments: Arguments) -> None:
     model = HairModel(config, roots, StrandGenerator(), capture.head, first)
     lpips, reason = find_lpips("squeeze", fetch=False)
     begin = time.perf_counter()
-    steps = list(track(fit_appearance(model, strands, train, arguments.fit, first, lpips), "fitting"))
+    steps = 0
+    for loss in fit_appearance(model, strands, train, arguments.fit, first, lpips):
+        steps += 1
+        if steps % arguments.report_every == 0:
+            with torch.no_grad():
+                now = [scores(model.render(strands, target.camera).rgb, target, lpips) for target in held[1::3]]
+            elapsed = (time.perf_counter() - begin) / 60
+            sys.stderr.write(f"step {steps}, {elapsed:.1f} min: loss {loss:.4f}, held out {summary(now)}\n")
     seconds = time.perf_counter() - begin
     rows: dict[str, list[list[float]]] = {name: [] for name in ("model", "strand_colour", "warp")}
     save_hair_model(model, arguments.out / "model", {"benchmark": "appearance"})
     with torch.no_grad():
-        colours = strand_colours(model, strands, train)
+        colours = known_colours(model, strands, train)
         for target in held:
             output = model.render(strands, target.camera)
             pictures = {
@@ -175,7 +178,7 @@ def main(arguments: Arguments) -> None:
         "held_out": {name: summary(values) for name, values in rows.items()},
         "train": summary(trained),
         "each_held_out": [[round(value, 4) for value in row] for row in rows["model"]],
-        "steps": len(steps),
+        "steps": steps,
         "minutes": round(seconds / 60, 1),
         "threads": torch.get_num_threads(),
         "peak_gigabytes": round(peak_memory() / 1e9, 2),

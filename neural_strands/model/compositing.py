@@ -15,7 +15,7 @@ from torch.nn import functional as F
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.raster.texture import sample_texture
-from neural_strands.raster.triangles import rasterise_triangles
+from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
 START = 0.5
 """Colour of everything before it is learned: mid grey."""
@@ -69,18 +69,19 @@ class Body(nn.Module):
         """The mesh itself."""
         return Mesh(self.vertices, self.faces, self.corner_uv)
 
-    def forward(self, camera: Camera) -> BodyImage:
-        """Draw the body."""
-        seen = rasterise_triangles(self.vertices, self.faces, camera)
+    def forward(self, camera: Camera, seen: TriangleBuffer | None = None) -> BodyImage:
+        """Draw the body; `seen` is what the camera sees of the mesh, if that is known from before."""
+        seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
         pixels = torch.nonzero(seen.face.view(-1) >= 0).squeeze(1)
         face, barycentric = seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels]
         if self.corner_uv is None:
             colour = interpolate(self.colour[self.faces], face, barycentric)
         else:
             colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
-        image = colour.new_zeros(camera.height * camera.width, 3).index_copy(0, pixels, colour)
+        height, width = seen.face.shape
+        image = colour.new_zeros(height * width, 3).index_copy(0, pixels, colour)
         coverage = (seen.face >= 0).to(colour.dtype)
-        return BodyImage(image.view(camera.height, camera.width, 3), coverage, seen.depth)
+        return BodyImage(image.view(height, width, 3), coverage, seen.depth)
 
 
 class Background(nn.Module):

@@ -21,6 +21,7 @@ from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
 from neural_strands.raster.splat import SplatMap, splat_pyramid
+from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
 
@@ -51,6 +52,30 @@ class HairModelConfig:
     def descriptor_channels(self) -> int:
         """Channels at every level of the pyramid: z_a, direction, t, viewing direction, and coverage."""
         return self.textures.appearance_channels + 3 + 1 + 3 + 1
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a camera sees of given strands and of the body: nothing learned, so it can be kept while they stay.
+
+    Attributes:
+        body: faces seen, at `supersample` times the image's resolution.
+        lines: segments seen, likewise.
+    """
+
+    body: TriangleBuffer
+    lines: LineBuffer
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> "Drawing":
+        """Part of the drawing, in its own pixels: what `Camera.cropped` sees."""
+        part = (slice(top, top + height), slice(left, left + width))
+        body = TriangleBuffer(
+            *(plane[part].contiguous() for plane in (self.body.face, self.body.barycentric, self.body.depth))
+        )
+        lines = LineBuffer(
+            *(plane[part].contiguous() for plane in (self.lines.segment, self.lines.position, self.lines.depth))
+        )
+        return Drawing(body, lines)
 
 
 @dataclass(frozen=True)
@@ -129,30 +154,40 @@ class HairModel(nn.Module):
         world = to_world(local, self.root_position, self.root_frame)
         return Strands(world, root_uv=self.root_uv, root_normal=self.root_frame[:, :, 2])
 
-    def render(self, strands: Strands, camera: Camera, blur: float = 0.0) -> RenderOutput:
+    def draw(self, strands: Strands, camera: Camera) -> Drawing:
+        """Find what a camera sees of strands and body."""
+        factor = self.config.supersample
+        camera = camera.to(self.root_uv.device)
+        fine = camera.resized(camera.width * factor, camera.height * factor)
+        body = rasterise_triangles(self.body.vertices, self.body.faces, fine)
+        return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.config.lines))
+
+    def render(
+        self, strands: Strands, camera: Camera, blur: float = 0.0, drawing: Drawing | None = None
+    ) -> RenderOutput:
         """Render strands from one view.
 
         Args:
             strands: world metres; `root_uv` says whose appearance each has.
             camera: the view, of any size.
             blur: standard deviation, in texels, of the blur of the gradient into Z_a.
+            drawing: what this camera sees of these strands, if `draw` was called before.
 
         Raises:
             ValueError: strands without `root_uv`.
         """
         factor = self.config.supersample
         camera = camera.to(self.root_uv.device)
-        fine = camera.resized(camera.width * factor, camera.height * factor)
-        body = self.body(fine)
-        lines = rasterise_lines(strands.points, fine, body.depth, self.config.lines)
-        maps = self.splat_descriptors(strands, lines, camera, blur)
+        drawing = drawing or self.draw(strands, camera)
+        body = self.body(camera, drawing.body)
+        maps = self.splat_descriptors(strands, drawing.lines, camera, blur)
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         alpha = torch.sigmoid(raw[..., 3] + SURE * (2 * coverage - 1))
         share = area_mean(body.coverage[..., None], factor)
         behind = area_mean(body.colour, factor) + (1 - share) * self.background(camera)
         rgb = compose(raw[..., :3], alpha, behind)
-        return RenderOutput(rgb, alpha, raw[..., :3], behind, coverage, lines)
+        return RenderOutput(rgb, alpha, raw[..., :3], behind, coverage, drawing.lines)
 
     def splat_descriptors(
         self, strands: Strands, lines: LineBuffer, camera: Camera, blur: float = 0.0

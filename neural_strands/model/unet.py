@@ -85,8 +85,8 @@ class UNet(nn.Module):
         self.decoders = nn.ModuleList(
             Activated(fine + coarse, fine, config, generator) for fine, coarse in pairwise(widths)
         )
-        self.output = nn.Parameter(0.1 * torch.randn(4, widths[0], 1, 1, generator=generator) / widths[0] ** 0.5)
-        self.decode = nn.Parameter(torch.randn(3, inputs, 1, 1, generator=generator) / inputs**0.5)
+        self.output = nn.Parameter(0.1 * torch.randn(4, widths[0], generator=generator) / widths[0] ** 0.5)
+        self.decode = nn.Parameter(torch.randn(3, inputs, generator=generator) / inputs**0.5)
         self.bias = nn.Parameter(torch.zeros(4))
 
     def forward(self, pyramid: Sequence[Float[Tensor, "batch channel _ _"]]) -> Float[Tensor, "batch 4 height width"]:
@@ -107,9 +107,10 @@ class UNet(nn.Module):
             kept.append(hidden)
         for level in reversed(range(self.config.levels - 1)):
             hidden = self.decoders[level](torch.cat([kept[level], self._up(hidden)], dim=1))
-        corrected = F.conv2d(hidden, self.output, self.bias)
-        linear = F.conv2d(maps[0], self.decode)
-        return (corrected + F.pad(linear, (0, 0, 0, 0, 0, 1)))[..., :height, :width]
+        # Over channels-last memory a 1 x 1 convolution is a matrix product, and on the CPU much the faster one.
+        corrected = F.linear(hidden.permute(0, 2, 3, 1), self.output, self.bias)
+        linear = F.linear(maps[0].permute(0, 2, 3, 1), self.decode)
+        return (corrected + F.pad(linear, (0, 1))).permute(0, 3, 1, 2)[..., :height, :width]
 
     def _down(self, images: Tensor, level: int) -> Tensor:
         return downsample(images, self.kernel) if self.config.alias_free else self.strided[level](images, stride=2)

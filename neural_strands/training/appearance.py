@@ -7,15 +7,16 @@ benchmark of the renderer alone. Images are seen through crops about the hair: t
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel, RenderOutput
+from neural_strands.training.first_colours import initialise_colours
+from neural_strands.training.observation import Observation
 
 Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height width 3"]], Float[Tensor, ""]]
 """Distance between a rendered and a photographed image, such as LPIPS."""
@@ -25,19 +26,23 @@ Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height wi
 class AppearanceConfig:
     """How appearance is fitted."""
 
-    steps: int = 2000
+    steps: int = 4000
     """Gradient steps, one crop each."""
-    crop: int = 256
+    crop: int = 160
     """Side of a crop, pixels."""
-    perceptual_weight: float = 0.1
-    """Weight of the perceptual distance beside the mean squared error (lambda_L in the paper)."""
+    margin: int = 8
+    """Pixels at a crop's border that carry no loss: there the image generator lacks its surroundings."""
+    perceptual_weight: float = 0.04
+    """Weight of the perceptual distance beside the mean squared error (lambda_L; the paper has 0.1 beside a sum)."""
+    perceptual_from: float = 0.3
+    """Share of the fit after which the perceptual distance counts: before it, it is dear and says little."""
     alpha_weight: float = 0.1
     """Weight of the mean squared error of the opacity, where masks are given."""
     texture_rate: float = 3e-3
     """Learning rate of Z_a."""
     surround_rate: float = 1e-3
     """Learning rate of the colours of body and background."""
-    network_rate: float = 2e-3
+    network_rate: float = 3e-3
     """Learning rate of the image generator."""
     final_rate: float = 0.02
     """Learning rates at the last step, as a fraction of the first."""
@@ -45,54 +50,6 @@ class AppearanceConfig:
     """Time limit: the learning rates fall with the time or with the steps, whichever is farther on."""
     warmup: int = 20
     """Steps over which the learning rates rise."""
-
-
-@dataclass(frozen=True)
-class Observation:
-    """A photograph to be matched.
-
-    Attributes:
-        camera: its view.
-        image: sRGB in [0, 1].
-        mask: coverage of hair, if it is known.
-    """
-
-    camera: Camera
-    image: Float[Tensor, "height width 3"]
-    mask: Float[Tensor, "height width"] | None = None
-
-    def cropped(self, left: int, top: int, width: int, height: int) -> "Observation":
-        """Part of the photograph, with the camera that sees just that."""
-        part = (slice(top, top + height), slice(left, left + width))
-        mask = None if self.mask is None else self.mask[part]
-        return Observation(self.camera.cropped(left, top, width, height), self.image[part], mask)
-
-
-def initialise_colours(model: HairModel, targets: Sequence[Observation]) -> None:
-    """Start body and background from the mean of the pixels that show them, and hair from its mean colour.
-
-    Rendering body and background is linear in their colours, so its transpose, which is what autograd computes, sums
-    the pixels that see each texel or vertex. What no pixel shows takes the mean of the rest.
-    """
-    hair = torch.zeros(4, device=model.root_uv.device)
-    sums = [torch.zeros_like(colour) for colour in (model.body.colour, model.background.colour)]
-    weights = [torch.zeros_like(colour) for colour in sums]
-    for target in targets:
-        mask = torch.zeros_like(target.image[..., 0]) if target.mask is None else target.mask
-        hair += torch.cat([(target.image * mask[..., None]).sum(dim=(0, 1)), mask.sum()[None]])
-        body = model.body(target.camera)
-        shown = (body.colour * (1 - mask)[..., None], model.background(target.camera))
-        open_sky = ((1 - mask) * (1 - body.coverage))[..., None]
-        for k, (image, colour) in enumerate(zip(shown, (model.body.colour, model.background.colour), strict=True)):
-            for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
-                cotangent = value if k == 0 else value * open_sky
-                total += torch.autograd.grad(image, colour, cotangent, retain_graph=True)[0]
-    with torch.no_grad():
-        for colour, total, weight in zip((model.body.colour, model.background.colour), sums, weights, strict=True):
-            mean = total.flatten(0, -2).sum(dim=0) / weight.flatten(0, -2).sum(dim=0).clamp(min=1e-6)
-            colour.copy_(torch.where(weight > 1e-3, total / weight.clamp(min=1e-3), mean))
-        if hair[3] > 0:
-            model.unet.bias[:3] = hair[:3] / hair[3]
 
 
 def appearance_optimiser(model: HairModel, config: AppearanceConfig) -> torch.optim.Adam:
@@ -105,18 +62,23 @@ def appearance_optimiser(model: HairModel, config: AppearanceConfig) -> torch.op
         ],
         betas=(0.9, 0.99),
         eps=1e-12,
+        fused=True,
     )
 
 
 def appearance_loss(
     output: RenderOutput, target: Observation, config: AppearanceConfig, perceptual: Perceptual | None
 ) -> Float[Tensor, ""]:
-    """Mean squared error, perceptual distance, and opacity against the mask."""
-    loss = (output.rgb - target.image).square().mean()
+    """Mean squared error, perceptual distance, and opacity against the mask, inside the crop's margin."""
+    height, width = target.image.shape[:2]
+    edge = config.margin if min(height, width) > 4 * config.margin else 0
+    inner = (slice(edge, height - edge), slice(edge, width - edge))
+    image, photograph = output.rgb[inner], target.image[inner]
+    loss = (image - photograph).square().mean()
     if perceptual is not None:
-        loss = loss + config.perceptual_weight * perceptual(output.rgb, target.image)
+        loss = loss + config.perceptual_weight * perceptual(image, photograph)
     if target.mask is not None:
-        loss = loss + config.alpha_weight * (output.alpha - target.mask).square().mean()
+        loss = loss + config.alpha_weight * (output.alpha[inner] - target.mask[inner]).square().mean()
     return loss
 
 
@@ -130,7 +92,8 @@ def appearance_step(
 ) -> float:
     """One gradient step on one (cropped) photograph; returns the loss before it."""
     optimiser.zero_grad(set_to_none=True)
-    loss = appearance_loss(model.render(strands, target.camera), target, config, perceptual)
+    output = model.render(strands, target.camera, drawing=target.drawing)
+    loss = appearance_loss(output, target, config, perceptual)
     loss.backward()
     optimiser.step()
     return float(loss.detach())
@@ -154,11 +117,12 @@ def fit_appearance(
         random: draws views and crops.
         perceptual: distance beside the mean squared error; without one that term is left out.
     """
-    initialise_colours(model, targets)
+    begin = time.monotonic()
+    targets = [replace(target, drawing=model.draw(strands, target.camera)) for target in targets]
+    initialise_colours(model, strands, targets)
     optimiser = appearance_optimiser(model, config)
     first = [group["lr"] for group in optimiser.param_groups]
     order: list[int] = []
-    begin = time.monotonic()
     for step in range(config.steps):
         progress = max(step / config.steps, (time.monotonic() - begin) / (60 * config.minutes))
         if progress >= 1:
@@ -168,7 +132,8 @@ def fit_appearance(
             group["lr"] = rate * factor
         order = order or torch.randperm(len(targets), generator=random).tolist()
         target = random_crop(targets[order.pop()], config.crop, model.config.unet.stride, random)
-        yield appearance_step(model, strands, target, optimiser, config, perceptual)
+        judge = perceptual if progress >= config.perceptual_from else None
+        yield appearance_step(model, strands, target, optimiser, config, judge)
 
 
 def random_crop(target: Observation, side: int, stride: int, random: torch.Generator) -> Observation:

@@ -34,6 +34,7 @@ def scene(generator):
         ScalpTextureConfig(shape_size=4, appearance_size=128, appearance_channels=4),
         UNetConfig(widths=(8, 8)),
         SurroundConfig(background_texture=4),
+        supersample=1,
     )
     model = HairModel(config, Roots(position, uv, frame, torch.zeros(STRANDS)), StrandGenerator(), body, generator)
     along = torch.linspace(0, 0.02, 6)[:, None] * torch.tensor([0.5, 1.0, 0.0])
@@ -47,15 +48,10 @@ def scene(generator):
 def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Tensor) -> Observation:
     """Strands of given colours wherever one is drawn, white body, blue background."""
     drawing = model.draw(strands, camera)
-    factor = model.config.supersample
-    strand = drawing.lines.segment[::factor, ::factor] // (strands.points_per_strand - 1)
-    hair = (drawing.lines.segment >= 0)[::factor, ::factor]
-    blocks = drawing.lines.segment.unfold(0, factor, factor).unfold(1, factor, factor)
-    alone = (blocks == blocks[..., :1, :1]).all(dim=(-1, -2)) | (blocks >= 0).any(dim=(-1, -2))
-    on_body = (drawing.body.face >= 0)[::factor, ::factor]
-    image = torch.where(on_body[..., None], torch.ones(3), torch.tensor([0.0, 0.0, 1.0]))
-    image = torch.where(hair[..., None], colour[strand.clamp(min=0)], image)
-    return Observation(camera, image, alone.float() * (blocks >= 0).any(dim=(-1, -2)).float())
+    hair = drawing.lines.segment >= 0
+    strand = drawing.lines.segment.clamp(min=0) // (strands.points_per_strand - 1)
+    image = torch.where((drawing.body.face >= 0)[..., None], torch.ones(3), torch.tensor([0.0, 0.0, 1.0]))
+    return Observation(camera, torch.where(hair[..., None], colour[strand], image), hair.float())
 
 
 def test_a_crop_keeps_its_drawing(scene):
@@ -108,14 +104,14 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     colour = torch.rand(STRANDS, 3, generator=generator)
     targets = [painted(model, strands, camera, colour) for camera in cameras]
     found, weight = strand_colours(model, strands, targets)
-    sure = weight > 8
-    assert sure.sum() > 10
-    assert (found - colour)[sure].abs().mean() < 0.5 * (colour.mean(dim=0) - colour)[sure].abs().mean()
+    seen = weight > 0
+    assert seen.sum() > STRANDS // 2
+    torch.testing.assert_close(found[seen], colour[seen])
     initialise_colours(model, strands, targets)
-    torch.testing.assert_close(model.body.colour.detach(), torch.ones(4, 3), atol=0.2, rtol=0)
-    assert model.background.colour[..., 2].min() > 0.9
+    torch.testing.assert_close(model.body.colour.detach(), torch.ones(4, 3))
+    torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
     stored = model.textures.sample_appearance(strands.root_uv)[:, :3].detach() + model.unet.bias[:3].detach()
-    assert (stored - found)[sure].abs().mean() < 0.05
+    assert (stored - found)[seen].abs().mean() < 0.05
 
 
 def test_a_fit_comes_closer_to_what_another_model_shows(scene, generator):

@@ -1,0 +1,107 @@
+"""First colours in closed form: body and background from the pixels that show them, hair from its strands' means.
+
+Drawing body and background is linear in their colours, and so is sampling the appearance texture: the transpose of
+each, which is what autograd computes, sums the pixels that see each vertex or texel.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional as F
+
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import Drawing, HairModel
+from neural_strands.raster.texture import sample_texture
+from neural_strands.raster.visible import visible_points
+from neural_strands.training.observation import Observation
+
+TINY = 1e-6
+"""Weight below which nothing was seen."""
+
+
+def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
+    """Set the colours of body and background, and the first three channels of Z_a, which start as the hair's colour.
+
+    Args:
+        model: changed in place.
+        strands: world metres, with `root_uv`.
+        targets: photographs; those with a mask tell hair from the rest.
+    """
+    _surround(model, targets)
+    colour, weight = strand_colours(model, strands, targets)
+    seen = weight > TINY
+    if strands.root_uv is None or not seen.any() or model.textures.appearance.shape[2] < 3:
+        return
+    mean = (colour * weight[:, None]).sum(dim=0) / weight.sum()
+    height, width, _ = model.textures.appearance.shape
+    total, share = spread(colour[seen] - mean, strands.root_uv[seen], height, width)
+    with torch.no_grad():
+        model.unet.bias[:3] = mean
+        model.unet.decode[:, :3] = torch.eye(3)
+        model.textures.appearance[..., :3] = filled(total, share)
+
+
+@torch.no_grad()
+def strand_colours(
+    model: HairModel, strands: Strands, targets: Sequence[Observation]
+) -> tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]:
+    """Mean colour of the pixels that see each strand, weighted by the hair mask, and the sum of the weights."""
+    device = strands.points.device
+    total, weight = torch.zeros(len(strands), 3, device=device), torch.zeros(len(strands), device=device)
+    for target in targets:
+        drawing: Drawing = target.drawing or model.draw(strands, target.camera)
+        visible = visible_points(drawing.lines, strands.points)
+        factor = drawing.lines.depth.shape[0] // target.camera.height
+        fine = target.camera.width * factor
+        row, column = visible.pixel // fine // factor, visible.pixel % fine // factor
+        sure = torch.ones_like(visible.t) if target.mask is None else target.mask[row, column]
+        total.index_add_(0, visible.strand, target.image[row, column] * sure[:, None])
+        weight.index_add_(0, visible.strand, sure)
+    return total / weight.clamp(min=TINY)[:, None], weight
+
+
+def spread(
+    values: Float[Tensor, "root channel"], uv: Float[Tensor, "root 2"], height: int, width: int
+) -> tuple[Float[Tensor, "height width channel"], Float[Tensor, "height width 1"]]:
+    """Sums of values over the texels that sample them, by bilinear weight, and the sums of the weights."""
+    image = values.new_zeros(height, width, values.shape[1] + 1, requires_grad=True)
+    carried = torch.cat([values, torch.ones_like(values[:, :1])], dim=1)
+    sums = torch.autograd.grad(sample_texture(image, uv), image, carried)[0]
+    return sums[..., :-1], sums[..., -1:]
+
+
+def filled(
+    total: Float[Tensor, "height width channel"], weight: Float[Tensor, "height width 1"]
+) -> Float[Tensor, "height width channel"]:
+    """Weighted means, with gaps filled from coarser and coarser halvings of the image."""
+    mean = total / weight.clamp(min=TINY)
+    if min(total.shape[:2]) < 2:
+        return mean
+    coarse_total, coarse_weight = (
+        F.avg_pool2d(image.permute(2, 0, 1)[None], 2, ceil_mode=True)[0].permute(1, 2, 0) for image in (total, weight)
+    )
+    coarse = filled(coarse_total, coarse_weight).permute(2, 0, 1)[None]
+    around = F.interpolate(coarse, size=total.shape[:2], mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
+    return torch.where(weight > TINY, mean, around)
+
+
+def _surround(model: HairModel, targets: Sequence[Observation]) -> None:
+    """Mean of the pixels that show each vertex or texel; what none shows takes the mean of the rest."""
+    colours = (model.body.colour, model.background.colour)
+    sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
+    for target in targets:
+        mask = torch.zeros_like(target.image[..., 0]) if target.mask is None else target.mask
+        body = model.body(target.camera)
+        bare = 1 - mask[..., None]
+        shown = (body.colour, model.background(target.camera))
+        shares = (bare, bare * (1 - body.coverage[..., None]))
+        for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
+            for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
+                total += torch.autograd.grad(image, colour, value * share, retain_graph=True)[0]
+    with torch.no_grad():
+        for colour, total, weight in zip(colours, sums, weights, strict=True):
+            if weight.sum() > TINY:
+                mean = total.flatten(0, -2).sum(dim=0) / weight.flatten(0, -2).sum(dim=0)
+                colour.copy_(torch.where(weight > TINY, total / weight.clamp(min=TINY), mean))
