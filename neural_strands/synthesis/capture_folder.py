@@ -134,7 +134,7 @@ def unit_for(points: Float[Tensor, "strand point 3"]) -> float:
 
 
 def differences(earlier: dict[str, Any], later: dict[str, Any]) -> list[str]:
-    """What differs between two settings, each as "name: A there, B now"; digests only where nothing else explains it."""
+    """What differs between two settings, each as "name: A there, B now"; digests only where nothing else does."""
     names = [name for name in {**earlier, **later} if earlier.get(name) != later.get(name)]
     names = [name for name in names if not name.endswith("_digest")] or names
     return [f"{name}: {earlier.get(name)} there, {later.get(name)} now" for name in names]
