@@ -65,14 +65,14 @@ class PriorReport:
             raise InputError(f"--head: expected one a groom ({len(self.grooms)}), got {len(self.head)}.")
         device = pick_device(self.device)
         prior = load_prior(self.weights, device)
+        heads = self.head or (None,) * len(self.grooms)
+        read = [local_strands(path, head).to(device) for path, head in zip(self.grooms, heads, strict=True)]
         generator = seeded(self.seed)
         parts = [min(1000, self.curves - start) for start in range(0, self.curves, 1000)]
         curves = torch.cat([synthetic_curves(part, generator) for part in parts]).to(device)
         pca = StrandPca.fit(curves, prior.generator.config.latent)
         report, panels, labels = {}, [], []
-        heads = self.head or (None,) * len(self.grooms)
-        for path, head in zip(self.grooms, heads, strict=True):
-            strands = local_strands(path, head).to(device)
+        for path, strands in zip(self.grooms, read, strict=True):
             errors = self._errors(prior, pca, strands)
             report[path.name] = {name: asdict(error) for name, error in errors.items()}
             panels.append(_panels(prior, strands))

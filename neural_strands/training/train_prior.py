@@ -195,7 +195,7 @@ def _steps(
     stream = replace(stream, prepare=raw_quantities if closed else stream.prepare, seed=stream.seed + 1)
     while run.step < config.steps:
         curves, raw = stream.batch(run.step, config.batch)
-        noise_size = NOISY if closed else config.batch
+        noise_size = min(NOISY, config.batch) if closed else config.batch
         noise = torch.randn(noise_size, config.generator.latent, generator=seeded(stream.seed, 5, run.step))
         losses = _vae_losses(prior, curves[:noise_size].to(device), noise.to(device), config.loss)
         if closed:

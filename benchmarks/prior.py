@@ -1,0 +1,79 @@
+"""Speed of the strand prior: decode, decode with gradients, encode, load; and how cost grows.
+
+    python benchmarks/prior.py [--device cpu] [--threads 2] [--json]
+
+Prints the shortest of several runs (milliseconds), and the ratio of the cost of twice the strands or points.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+
+import torch
+
+from neural_strands.prior.vae import load_prior
+
+
+def shortest(work: Callable[[], object], device: torch.device, repeats: int) -> float:
+    """Milliseconds of the quickest of several runs, the first not counted."""
+    times = []
+    for _ in range(repeats + 1):
+        if device.type == "cuda":
+            torch.cuda.synchronize()
+        start = time.perf_counter()
+        work()
+        if device.type == "cuda":
+            torch.cuda.synchronize()
+        times.append(1000 * (time.perf_counter() - start))
+    return min(times[1:])
+
+
+def measured(device: torch.device, strands: int, repeats: int) -> dict[str, float]:
+    """All timings on one device."""
+    prior = load_prior(device=device)
+    bare = prior.without_modulator()
+    latent = torch.randn(2 * strands, 64, generator=torch.Generator().manual_seed(0)).to(device)
+
+    def decode(count: int, points: int = 100) -> None:
+        with torch.no_grad():
+            prior.decode(latent[:count], points)
+
+    def backward(count: int) -> None:
+        leaf = latent[:count].clone().requires_grad_(True)
+        prior.decode(leaf).sum().backward()
+
+    curves = prior.decode(latent[:strands] * 0.5)
+    decoded = shortest(lambda: decode(strands), device, repeats)
+    return {
+        "load_ms": shortest(load_prior, device, repeats),
+        "decode_ms": decoded,
+        "decode_without_modulator_ms": shortest(lambda: bare.decode(latent[:strands]), device, repeats),
+        "decode_and_backward_ms": shortest(lambda: backward(strands), device, repeats),
+        "encode_ms": shortest(lambda: prior.encode(curves), device, repeats),
+        "ratio_of_twice_the_strands": shortest(lambda: decode(2 * strands), device, repeats) / decoded,
+        "ratio_of_twice_the_points": shortest(lambda: decode(strands, 199), device, repeats) / decoded,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--strands", type=int, default=0, help="default 10,000 on a CPU, 30,000 on CUDA")
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+    device = torch.device(arguments.device)
+    strands = arguments.strands or (10_000 if device.type == "cpu" else 30_000)
+    figures = measured(device, strands, arguments.repeats)
+    if arguments.json:
+        print(json.dumps({"device": str(device), "strands": strands, **figures}))
+        return
+    for name, value in figures.items():
+        print(f"{name:30} {value:9.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""train-prior, prior-report and prior-traverse from the command line."""
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from neural_strands.cli.main import main
+from neural_strands.geometry.frames import to_world
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import write_groom
+from neural_strands.prior.curves import synthetic_curves
+from neural_strands.prior.vae import load_prior
+from neural_strands.scalp.mannequin import mannequin
+from neural_strands.scalp.roots import sample_roots
+
+
+@pytest.fixture(scope="module")
+def groom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sixty synthetic strands on the mannequin."""
+    roots = sample_roots(mannequin(), 60, torch.Generator().manual_seed(0))
+    local = synthetic_curves(60, torch.Generator().manual_seed(1))
+    path = tmp_path_factory.mktemp("groom") / "groom.npz"
+    write_groom(path, Groom.from_strands(Strands(to_world(local, roots.position, roots.frame))))
+    return path
+
+
+def test_train_prior_writes_weights_that_load(
+    tmp_path: Path, groom: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("neural_strands.training.curve_stream.CHUNK", 64)
+    out = tmp_path / "prior.safetensors"
+    words = ["train-prior", str(out), "--json", "--groom", str(groom), "--device", "cpu", "--config.steps", "2"]
+    words += ["--config.sine-steps", "1", "--config.start-curves", "200", "--config.batch", "16"]
+    assert main(words) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["held_out_mm"] < 0.5
+    assert load_prior(out).generator.config.latent == 64
+    assert main([*words, "--resume"]) == 0
+
+
+def test_prior_report_gives_prior_pca_and_optimised_errors(
+    tmp_path: Path, groom: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "report.png"
+    words = ["prior-report", str(groom), "--json", "--picture", str(picture), "--curves", "600", "--device", "cpu"]
+    assert main([*words, "--optimise-steps", "5"]) == 0
+    errors = json.loads(capsys.readouterr().out)["groom.npz"]
+    assert set(errors) == {"prior", "pca", "optimised"}
+    assert errors["prior"]["strands"] == 60
+    assert errors["prior"]["mean_mm"] < 0.3
+    assert errors["optimised"]["mean_mm"] < errors["prior"]["mean_mm"] * 1.1
+    assert picture.stat().st_size > 5000
+
+
+def test_prior_report_prints_a_table(groom: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["prior-report", str(groom), "--curves", "300", "--device", "cpu"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "groom.npz"
+    assert [line.split()[0] for line in lines[2:]] == ["prior", "pca"]
+
+
+def test_prior_traverse_draws_and_names_directions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["prior-traverse", str(tmp_path / "out"), "--samples", "500", "--latents", "2", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "out" / "traversal.json").read_text())
+    assert printed["directions"]["length"]["correlation"] > 0.7
+    assert printed["directions"]["curliness"]["correlation"] > 0.4
+    effects = [row["effect_mm"] for row in printed["latents_by_effect"]]
+    assert effects == sorted(effects, reverse=True)
+    for name in ("traversal", "samples", "interpolation"):
+        assert (tmp_path / "out" / f"{name}.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["train-prior", "prior.pt"], "expected a name that ends in .safetensors"),
+        (["train-prior", "p.safetensors", "--head", "a.obj"], "--head: expected one a groom (0), got 1"),
+        (["prior-report"], "expected at least one groom file, got none"),
+        (["prior-report", "missing.hair"], "missing.hair"),
+        (["prior-traverse", "out", "--weights", "missing.safetensors"], "found no file"),
+    ],
+)
+def test_bad_input_is_one_sentence(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert len(printed.splitlines()) == 1
