@@ -20,8 +20,8 @@ from neural_strands.raster.reference import splat_reference
 
 MINIMUM_WEIGHT = 0.1
 """Default least divisor of the weighted mean."""
-CHANNELS_PER_THREAD = 4
-"""Channels that one CUDA thread adds; on the CPU one item is a whole point."""
+QUAD = 4
+"""Channels that kernels handle together, and that one CUDA thread adds; on the CPU one item is a whole point."""
 
 
 class SplatMap(NamedTuple):
@@ -84,19 +84,20 @@ class _Splat(torch.autograd.Function):
     def forward(
         ctx: Any, pixels: Tensor, features: Tensor, sizes: list[tuple[int, int]], minimum_weight: float
     ) -> tuple[Tensor, ...]:
+        channels = features.shape[1]
+        features = _whole_quads(features)
         planes = [
             (features.new_zeros(height * width, features.shape[1]), features.new_zeros(height * width))
             for height, width in sizes
         ]
         _accumulate(pixels, features, sizes, planes)
         for means, weights in planes:
-            inputs = [minimum_weight, kernels.array(weights), kernels.array(means)]
+            inputs = [minimum_weight, kernels.array(weights), _quads(means)]
             kernels.launch_split(splat_kernels.normalise, len(weights), inputs, features.device)
-        flat = tuple(plane for pair in planes for plane in pair)
-        ctx.save_for_backward(pixels, features, *flat)
-        ctx.sizes, ctx.minimum_weight = sizes, minimum_weight
+        ctx.save_for_backward(pixels, features, *(plane for pair in planes for plane in pair))
+        ctx.sizes, ctx.minimum_weight, ctx.channels = sizes, minimum_weight, channels
         ctx.set_materialize_grads(False)
-        return flat
+        return tuple(plane for means, weights in planes for plane in (means[:, :channels], weights))
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
@@ -106,20 +107,24 @@ class _Splat(torch.autograd.Function):
             grads, planes = gradients[2 * level : 2 * level + 2], flat[2 * level : 2 * level + 2]
             if grads[0] is None and grads[1] is None:
                 continue
-            filled = [torch.zeros_like(plane) if g is None else g for g, plane in zip(grads, planes, strict=True)]
+            grad_means = torch.zeros_like(planes[0]) if grads[0] is None else _whole_quads(grads[0])
+            grad_weights = torch.zeros_like(planes[1]) if grads[1] is None else grads[1]
             inputs = [
                 kernels.array(pixels, wp.vec2),
-                kernels.array(features),
+                _quads(features),
                 0.5**level,
                 width,
                 height,
                 ctx.minimum_weight,
-                *(kernels.array(plane) for plane in (*planes, *filled)),
+                _quads(planes[0]),
+                kernels.array(planes[1]),
+                _quads(grad_means),
+                kernels.array(grad_weights),
                 kernels.array(grad_pixels, wp.vec2),
-                kernels.array(grad_features),
+                _quads(grad_features),
             ]
             kernels.launch_split(splat_kernels.gather_gradients, len(pixels), inputs, pixels.device)
-        return grad_pixels, grad_features, None, None
+        return grad_pixels, grad_features[:, : ctx.channels], None, None
 
 
 def _accumulate(
@@ -130,17 +135,29 @@ def _accumulate(
     kernels.load(kernel, device)
     on_gpu = device.type == "cuda"
     bands = 1 if on_gpu else torch.get_num_threads()
-    run = CHANNELS_PER_THREAD if on_gpu else max(features.shape[1], 1)
-    items = len(pixels) * max(-(-features.shape[1] // run), 1)
-    points = [kernels.array(pixels, wp.vec2), kernels.array(features)]
+    quads = max(features.shape[1] // QUAD, 1)
+    run = 1 if on_gpu else quads
+    items = len(pixels) * (quads // run)
+    points = [kernels.array(pixels, wp.vec2), _quads(features)]
     jobs = [[] for _ in range(bands)]
     for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
-        outputs = [kernels.array(sums), kernels.array(weights)]
+        outputs = [_quads(sums), kernels.array(weights)]
         for band in range(bands):
             rows = [height * band // bands, height * (band + 1) // bands]
             inputs = [*points, 0.5**level, width, *rows, run, *outputs]
             jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
     run_together([functools.partial(_run_all, band) for band in jobs])
+
+
+def _whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item padded"]:
+    """Zeros after the last channel, up to a multiple of four."""
+    missing = -features.shape[1] % QUAD
+    return torch.nn.functional.pad(features, (0, missing)) if missing else features
+
+
+def _quads(features: Float[Tensor, "item padded"]) -> wp.array:
+    """View channels as vectors of four."""
+    return kernels.array(features.contiguous().view(len(features), features.shape[1] // QUAD, QUAD), wp.vec4)
 
 
 def _run_all(jobs: list) -> None:
