@@ -35,7 +35,7 @@ class Fit:
     strands: int | None = None
     """Strands in the result, instead of the preset's."""
     minutes: float | None = None
-    """Stop the steps after this many minutes; --resume goes on from there."""
+    """Take as many steps as fit into this many minutes, instead of the preset's; measured at the start."""
     resume: bool = False
     """Go on with the run in OUT."""
     seed: int = 0

@@ -23,6 +23,7 @@ COMMANDS = {
     "render": "neural_strands.cli.render:Render",
     "fit": "neural_strands.cli.fit:Fit",
     "evaluate": "neural_strands.cli.evaluate:Evaluate",
+    "demo": "neural_strands.cli.demo:Demo",
 }
 """Each verb and the dataclass that holds its arguments."""
 

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -12,7 +12,6 @@ from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.lpips import find_lpips
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.prior.vae import load_prior
 from neural_strands.scalp.head import Head
@@ -22,9 +21,17 @@ from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.training.fit import FitState, fit
 from neural_strands.training.fit_config import FitConfig
 from neural_strands.training.fit_data import FitData
+from neural_strands.training.forecast import forecast, steps_for
 from neural_strands.training.outputs import write_outputs, write_preview
 from neural_strands.training.prepare import begin, prepare, training_views
-from neural_strands.training.run_folder import RunDescription, RunFolder, check_same, fingerprint, write_description
+from neural_strands.training.run_folder import (
+    RunDescription,
+    RunFolder,
+    check_same,
+    fingerprint,
+    read_description,
+    write_description,
+)
 from neural_strands.training.segments import find_segments
 from neural_strands.training.workers import Workers
 
@@ -42,7 +49,7 @@ class FitRequest:
         head: head file that replaces the capture's, if any.
         segments: line segments of the training views, if they are already there.
         resume: go on with the run in `out`.
-        minutes: end after about this many minutes of steps, if set.
+        minutes: take as many steps as fit into this many minutes, if set.
     """
 
     capture: Path
@@ -99,23 +106,34 @@ def run_fit(
     folder = RunFolder(request.out)
     capture = Capture.load(request.capture)
     head = find_head(capture, request.head)
+    going_on = folder.description.is_file()
+    if going_on and not request.resume:
+        raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
+    prior, perceptual = load_prior(device=device), perceptual_loss(device, say)
+    if not going_on:
+        cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
+        if request.minutes is not None:
+            config = replace(config, steps=steps_for(request.minutes, cost, config))
+            cost = replace(cost, fit_seconds=60 * request.minutes)
+        say(cost.sentence())
+    elif request.minutes is not None:
+        config = replace(config, steps=read_description(folder).config.steps)
     described = RunDescription(str(request.capture), str(request.head or ""), fingerprint(capture), config)
-    going_on = request.resume and folder.description.is_file()
     if going_on:
         check_same(folder, described)
-    elif folder.description.is_file():
-        raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
-    elif workers.leads:
+    if workers.leads:
         write_description(folder, described)
-    segments = _segments(request, folder, capture, head, config, say, track)
+        _make_segments(request, folder, capture, head, config, say, track)
+    workers.wait()
+    segments = load_segments(folder.segments)
     data = prepare(capture, head, segments, config, device)
     say(f"{len(segments)} segment points; tracing first strands")
-    state = begin(data, load_prior(device=device), config)
+    state = begin(data, prior, config)
     if going_on and folder.checkpoint.is_file():
         load_checkpoint(state, folder.checkpoint)
         say(f"going on from step {state.step} of {config.steps}")
     try:
-        _steps(state, data, config, request, folder, workers, say, track)
+        _steps(state, data, config, perceptual, folder, workers, track)
     finally:
         if workers.leads:
             save_checkpoint(state, folder.checkpoint)
@@ -150,7 +168,7 @@ def perceptual_loss(device: torch.device, say: Callable[[str], None]) -> Percept
     return structural_loss
 
 
-def _segments(
+def _make_segments(
     request: FitRequest,
     folder: RunFolder,
     capture: Capture,
@@ -158,32 +176,30 @@ def _segments(
     config: FitConfig,
     say: Callable[[str], None],
     track: Callable[[Iterable, str, int], Iterable],
-) -> LineSegments:
-    """Segments that were given, or those of this run, or new ones from the training views."""
+) -> None:
+    """Put the run's segments in its folder: those that were given, or new ones from the training views."""
+    if folder.segments.is_file():
+        return
     if request.segments is not None:
-        return load_segments(request.segments)
-    if not folder.segments.is_file():
+        found = load_segments(request.segments)
+    else:
         say("line-based multi-view stereo over the training views")
         seen = capture.subset(training_views(capture, config))
         found = find_segments(seen, head.mesh, config.seed, folder.path / "lmvs", track)
-        save_segments(folder.segments, found)
-    return load_segments(folder.segments)
+    save_segments(folder.segments, found)
 
 
 def _steps(
     state: FitState,
     data: FitData,
     config: FitConfig,
-    request: FitRequest,
+    perceptual: Perceptual,
     folder: RunFolder,
     workers: Workers,
-    say: Callable[[str], None],
     track: Callable[[Iterable, str, int], Iterable],
 ) -> None:
     """The loop with everything that happens now and then around it."""
-    perceptual = perceptual_loss(state.remembered.device, say)
     log = RunLog(folder.log, state.step) if workers.leads else None
-    ends = time.monotonic() + 60 * request.minutes if request.minutes is not None else None
     saved = shown = time.monotonic()
     bar = iter(track(range(state.step, config.steps), "fitting", config.steps - state.step))
 
@@ -201,17 +217,9 @@ def _steps(
         if clock - shown > PREVIEW_SECONDS:
             write_preview(folder.preview, now.model, now.drawn, data)
             shown = clock
-        if ends is not None and clock > ends:
-            raise _TimeIsUp
 
     try:
         fit(state, data, config, perceptual, workers, after_step)
-    except _TimeIsUp:
-        say(f"stopped after {request.minutes:g} minutes at step {state.step} of {config.steps}; --resume goes on")
     finally:
         if log is not None:
             log.close()
-
-
-class _TimeIsUp(Exception):
-    """The minutes that were asked for have passed."""

@@ -49,6 +49,11 @@ class Workers:
             distributed.all_reduce(gradient)
             parameter.grad = gradient
 
+    def wait(self) -> None:
+        """Go on when all processes have come this far."""
+        if self.count > 1:
+            distributed.barrier()
+
     def close(self) -> None:
         """Leave the group."""
         if self.count > 1:

@@ -1,0 +1,60 @@
+"""`neural-strands demo`: the whole pipeline on a capture that it makes itself."""
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from neural_strands.cli.check import Check
+from neural_strands.cli.evaluate import Evaluate
+from neural_strands.cli.fit import Fit, say
+from neural_strands.cli.synthesize import Synthesize
+from neural_strands.foundation.files import atomic_file
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Make a small capture of synthetic hair, reconstruct it, score it, and write pictures.
+
+    Leaves OUT/capture (photographs with ground truth), OUT/run (groom.usd, groom.npz, model, report/index.html) and
+    OUT/figures.json. A stopped demo goes on when the same command is given again.
+    """
+
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the results."""
+    strands: int = 10_000
+    """Strands of the true groom."""
+    views: int = 24
+    """Photographs, every fifth of which is held out."""
+    resolution: int = 256
+    """Width and height of the photographs, pixels."""
+    steps: int | None = None
+    """Optimisation steps, instead of those of the preset `demo`."""
+    seed: int = 0
+    """Seed of everything random."""
+
+    def run(self) -> None:
+        """Run every stage, telling how long each took."""
+        capture, run = self.out / "capture", self.out / "run"
+        seconds: dict[str, float] = {}
+        stages = {
+            "synthesize": Synthesize(
+                capture, strands=self.strands, views=self.views, resolution=self.resolution, seed=self.seed
+            ),
+            "check": Check(capture),
+            "fit": Fit(capture, run, preset="demo", steps=self.steps, resume=True, seed=self.seed),
+            "evaluate": Evaluate(run),
+        }
+        for name, stage in stages.items():
+            began = time.perf_counter()
+            say(f"demo: {name}")
+            stage.run()
+            seconds[name] = round(time.perf_counter() - began, 1)
+        with atomic_file(self.out / "figures.json") as temporary:
+            temporary.write_text(json.dumps({"seconds": seconds}, indent=2) + "\n", encoding="utf-8")
+        told = ", ".join(f"{name} {value:g} s" for name, value in seconds.items())
+        sys.stdout.write(f"{told}\nopen {run / 'report' / 'index.html'} and {run / 'groom.usd'}\n")

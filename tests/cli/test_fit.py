@@ -1,0 +1,120 @@
+"""`fit` and `evaluate` through the command line, on a tiny capture."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+import torch
+from tiny_capture import tiny_config, true_segments, write_capture
+
+from neural_strands.cli.main import main
+from neural_strands.grooms.io import read_groom
+from neural_strands.lmvs.files import save_segments
+from neural_strands.training import fit_config
+
+
+@pytest.fixture
+def tiny(tmp_path, monkeypatch):
+    """A capture with its segments, and the presets shrunk to its size."""
+    strands = write_capture(tmp_path / "ball")
+    save_segments(tmp_path / "segments.npz", true_segments(strands))
+    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
+    monkeypatch.setattr(fit_config, "preset", lambda _: replace(tiny_config(), steps=8))
+    return tmp_path
+
+
+def fit_arguments(tiny, *more):
+    return ["fit", str(tiny / "ball"), str(tiny / "run"), "--segments", str(tiny / "segments.npz"), *more]
+
+
+def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
+    assert main(fit_arguments(tiny)) == 0
+    told = capsys.readouterr()
+    assert "200 strands after 8 steps" in told.out
+    assert "expect about" in told.err
+    run = tiny / "run"
+    groom, arrays = read_groom(run / "groom.usd"), read_groom(run / "groom.npz")
+    assert len(groom) == len(arrays) == 200
+    torch.testing.assert_close(groom.vertices, arrays.vertices, atol=1e-6, rtol=0)
+    assert arrays.root_uv is not None
+    assert arrays.color is not None
+    assert len((run / "log.jsonl").read_text().splitlines()) == 8
+    assert main(["evaluate", str(run), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["held_out_views"]["count"] == 1
+    assert figures["lmvs"]["1mm/10deg"]["precision"] > 95.0
+    assert 0 < figures["strands"]["3mm/30deg"]["f_score"] <= 100
+    page = (run / "report" / "index.html").read_text()
+    assert page.count("data:image/png;base64,") >= 12
+    assert "63.64" in page
+
+
+def test_a_second_fit_into_the_same_folder_is_refused_and_nothing_is_lost(tiny, capsys):
+    assert main(fit_arguments(tiny)) == 0
+    before = (tiny / "run" / "groom.npz").read_bytes()
+    capsys.readouterr()
+    assert main(fit_arguments(tiny)) == 2
+    assert "a run is there already" in capsys.readouterr().err
+    assert (tiny / "run" / "groom.npz").read_bytes() == before
+
+
+def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
+    assert main(fit_arguments(tiny)) == 0
+    capsys.readouterr()
+    assert main(fit_arguments(tiny, "--resume", "--strands", "100")) == 2
+    assert "began with strands = 200, came 100" in capsys.readouterr().err
+    image = tiny / "ball" / "images" / "000.png"
+    image.write_bytes(image.read_bytes() + b"\0")
+    assert main(fit_arguments(tiny, "--resume")) == 2
+    assert "has changed since this run began" in capsys.readouterr().err
+
+
+def test_without_a_head_there_is_one_sentence(tiny, capsys):
+    (tiny / "ball" / "head.obj").unlink()
+    assert main(fit_arguments(tiny)) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "--head" in told
+    assert not (tiny / "run").exists()
+
+
+SCRIPT = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from dataclasses import replace
+from tiny_capture import tiny_config
+from neural_strands.training import fit_config, run
+fit_config.preset = lambda _: replace(tiny_config(), steps=40)
+run.CHECKPOINT_SECONDS = 0.5
+from neural_strands.cli.main import main
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_fit_resumes_and_ends_where_an_unbroken_one_ends(tiny, request):
+    support = str(request.config.rootpath / "tests" / "support")
+    arguments = fit_arguments(tiny)
+    unbroken = [*arguments[:2], str(tiny / "whole"), *arguments[3:]]
+
+    def start(words):
+        log = (tiny / "stderr.txt").open("ab")
+        with log:
+            return subprocess.Popen([sys.executable, "-c", SCRIPT, support, *words], stderr=log)
+
+    assert start(unbroken).wait(timeout=300) == 0
+    broken = start(arguments)
+    began = time.monotonic()
+    while not (tiny / "run" / "checkpoint.pt").exists() and time.monotonic() - began < 200:
+        time.sleep(0.05)
+    broken.send_signal(signal.SIGKILL)
+    broken.wait(timeout=60)
+    assert not (tiny / "run" / "groom.npz").exists()
+    assert start([*arguments, "--resume"]).wait(timeout=300) == 0
+    assert "going on from step" in (tiny / "stderr.txt").read_text()
+    ours, theirs = read_groom(tiny / "run" / "groom.npz"), read_groom(tiny / "whole" / "groom.npz")
+    assert torch.equal(ours.vertices, theirs.vertices)
