@@ -17,6 +17,7 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import Background, Body, SurroundConfig, area_mean, compose
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
+from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
@@ -39,6 +40,8 @@ class HairModelConfig:
     """The image generator."""
     surround: SurroundConfig = field(default_factory=SurroundConfig)
     """Body and background."""
+    shading: ShadingConfig = field(default_factory=ShadingConfig)
+    """Colour of visible points."""
     lines: LineConfig = field(default_factory=LineConfig)
     """How strands are drawn."""
     points: int = 100
@@ -50,8 +53,8 @@ class HairModelConfig:
 
     @property
     def descriptor_channels(self) -> int:
-        """Channels at every level of the pyramid: z_a, direction, t, viewing direction, and coverage."""
-        return self.textures.appearance_channels + 3 + 1 + 3 + 1
+        """Channels at every level of the pyramid: z_a, direction, t, viewing direction, shaded colour, coverage."""
+        return self.textures.appearance_channels + 3 + 1 + 3 + 3 + 1
 
 
 @dataclass(frozen=True)
@@ -131,8 +134,7 @@ class HairModel(nn.Module):
         self.textures = ScalpTextures(config.textures)
         self.generator = generator.requires_grad_(False)
         self.unet = UNet(config.descriptor_channels, config.unet, random)
-        with torch.no_grad():  # the colour starts from the strand's own feature alone
-            self.unet.decode[:, config.textures.appearance_channels :] = 0.0
+        self.shading = PointShading(config.textures.appearance_channels, config.shading, random)
         self.body = Body(body, config.surround)
         everything = torch.cat([roots.position, body.vertices]).float()
         centre = everything.mean(dim=0) if len(everything) else torch.zeros(3)
@@ -194,6 +196,8 @@ class HairModel(nn.Module):
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of the visible points, one a level (paper, "Neural Hair Descriptor").
 
+        The colour of the points follows as the last three channels.
+
         Raises:
             ValueError: strands without `root_uv`.
         """
@@ -203,7 +207,9 @@ class HairModel(nn.Module):
         appearance = self.textures.sample_appearance(strands.root_uv, blur).index_select(0, visible.strand)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
+        colour = self.shading(descriptor, torch.nn.functional.normalize(visible.world - camera.position, dim=1))
         pixels, _ = camera.project(visible.world)
+        descriptor = torch.cat([descriptor, colour], dim=1)
         return splat_pyramid(pixels, descriptor, (camera.height, camera.width), self.config.unet.levels)
 
     def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
@@ -216,7 +222,8 @@ class HairModel(nn.Module):
         half = self.config.mixed_precision and device == "cuda"
         with torch.autocast(device, torch.bfloat16, enabled=half):
             raw = self.unet(pyramid)
-        return raw[0].permute(1, 2, 0).float()
+        shaded = maps[0].features[-3:].permute(1, 2, 0)
+        return raw[0].permute(1, 2, 0).float() + torch.nn.functional.pad(shaded, (0, 1))
 
     def _pixel_channels(self, level_map: SplatMap, camera: Camera, level: int) -> Float[Tensor, "4 h w"]:
         """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""

@@ -6,7 +6,7 @@ Paper, section 4.3, "Image Generation". Design decisions:
 - Alias-free (the default): resampling by designed low-pass filters, activations filtered at twice the resolution.
   Plain: strided convolutions, nearest-neighbour upsampling and pointwise activations, kept for the ablation.
 - No normalisation layer: a crop renders as the same pixels of the whole image do, and a shift stays a shift.
-- Colour starts as a linear decode of the descriptors and opacity as their coverage; the convolutions correct both.
+- What it gives is a correction: colour starts from the shaded points and opacity from their coverage.
 """
 
 from collections.abc import Sequence
@@ -66,7 +66,7 @@ class Activated(nn.Module):
 
 
 class UNet(nn.Module):
-    """Descriptor pyramid to the colour and the opacity (before its sigmoid) of the hair."""
+    """Descriptor pyramid to corrections of the colour and of the opacity (before its sigmoid) of the hair."""
 
     kernel: Tensor
 
@@ -86,11 +86,10 @@ class UNet(nn.Module):
             Activated(fine + coarse, fine, config, generator) for fine, coarse in pairwise(widths)
         )
         self.output = nn.Parameter(0.1 * torch.randn(4, widths[0], generator=generator) / widths[0] ** 0.5)
-        self.decode = nn.Parameter(torch.randn(3, inputs, generator=generator) / inputs**0.5)
         self.bias = nn.Parameter(torch.zeros(4))
 
     def forward(self, pyramid: Sequence[Float[Tensor, "batch channel _ _"]]) -> Float[Tensor, "batch 4 height width"]:
-        """Colour and opacity logit of every pixel of the finest map, of any size.
+        """Corrections of colour and opacity logit of every pixel of the finest map, of any size.
 
         Args:
             pyramid: descriptor maps, finest first, each side half the one before, rounded up.
@@ -108,9 +107,8 @@ class UNet(nn.Module):
         for level in reversed(range(self.config.levels - 1)):
             hidden = self.decoders[level](torch.cat([kept[level], self._up(hidden)], dim=1))
         # Over channels-last memory a 1 x 1 convolution is a matrix product, and on the CPU much the faster one.
-        corrected = F.linear(hidden.permute(0, 2, 3, 1), self.output, self.bias)
-        linear = F.linear(maps[0].permute(0, 2, 3, 1), self.decode)
-        return (corrected + F.pad(linear, (0, 1))).permute(0, 3, 1, 2)[..., :height, :width]
+        image = F.linear(hidden.permute(0, 2, 3, 1), self.output, self.bias)
+        return image.permute(0, 3, 1, 2)[..., :height, :width]
 
     def _down(self, images: Tensor, level: int) -> Tensor:
         return downsample(images, self.kernel) if self.config.alias_free else self.strided[level](images, stride=2)

@@ -28,7 +28,7 @@ class AppearanceConfig:
 
     steps: int = 4000
     """Gradient steps, one crop each."""
-    crop: int = 160
+    crop: int = 144
     """Side of a crop, pixels."""
     margin: int = 8
     """Pixels at a crop's border that carry no loss: there the image generator lacks its surroundings."""
@@ -42,13 +42,15 @@ class AppearanceConfig:
     """Learning rate of Z_a."""
     surround_rate: float = 1e-3
     """Learning rate of the colours of body and background."""
-    network_rate: float = 3e-3
+    network_rate: float = 2e-3
     """Learning rate of the image generator."""
+    largest_gradient: float = 0.05
+    """Norm to which the gradient of the networks is cut: one odd crop must not undo the fit."""
     final_rate: float = 0.02
     """Learning rates at the last step, as a fraction of the first."""
     minutes: float = math.inf
     """Time limit: the learning rates fall with the time or with the steps, whichever is farther on."""
-    warmup: int = 20
+    warmup: int = 100
     """Steps over which the learning rates rise."""
 
 
@@ -58,10 +60,10 @@ def appearance_optimiser(model: HairModel, config: AppearanceConfig) -> torch.op
         [
             {"params": [model.textures.appearance], "lr": config.texture_rate},
             {"params": [model.body.colour, model.background.colour], "lr": config.surround_rate},
-            {"params": list(model.unet.parameters()), "lr": config.network_rate},
+            {"params": [*model.unet.parameters(), *model.shading.parameters()], "lr": config.network_rate},
         ],
         betas=(0.9, 0.99),
-        eps=1e-12,
+        eps=1e-10,
         fused=True,
     )
 
@@ -95,6 +97,8 @@ def appearance_step(
     output = model.render(strands, target.camera, drawing=target.drawing)
     loss = appearance_loss(output, target, config, perceptual)
     loss.backward()
+    networks = [*model.unet.parameters(), *model.shading.parameters()]
+    torch.nn.utils.clip_grad_norm_(networks, config.largest_gradient)
     optimiser.step()
     return float(loss.detach())
 

@@ -38,8 +38,8 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Obs
     height, width, _ = model.textures.appearance.shape
     total, share = spread(colour[seen] - mean, strands.root_uv[seen], height, width)
     with torch.no_grad():
-        model.unet.bias[:3] = mean
-        model.unet.decode[:, :3] = torch.eye(3)
+        model.shading.mean.copy_(mean)
+        model.shading.decode[:, :3] = torch.eye(3, device=mean.device)
         model.textures.appearance[..., :3] = filled(total, share)
 
 

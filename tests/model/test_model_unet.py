@@ -86,7 +86,6 @@ def shifted_pyramid(shift: float, size: int = 96) -> list[torch.Tensor]:
 
 def equivariance(net: UNet, shift: float, size: int = 96, border: int = 32) -> float:
     """Decibels of peak over the error between shifting the features and shifting the image (EQ-T of StyleGAN3)."""
-    net.decode.data.zero_()  # the linear path is equivariant by itself
     whole = (0, slice(0, 3), slice(border, size + border), slice(border, size + border))
     with torch.no_grad():
         still, moved = (
