@@ -88,7 +88,7 @@ def filled(
 
 
 def _surround(model: HairModel, targets: Sequence[Observation]) -> None:
-    """Mean of the pixels that show each vertex or texel; what none shows takes the mean of the rest."""
+    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it."""
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
     for target in targets:
@@ -102,6 +102,10 @@ def _surround(model: HairModel, targets: Sequence[Observation]) -> None:
                 total += torch.autograd.grad(image, colour, value * share, retain_graph=True)[0]
     with torch.no_grad():
         for colour, total, weight in zip(colours, sums, weights, strict=True):
-            if weight.sum() > TINY:
-                mean = total.flatten(0, -2).sum(dim=0) / weight.flatten(0, -2).sum(dim=0)
+            if weight.sum() <= TINY:
+                continue
+            if colour.dim() == 3:
+                colour.copy_(filled(total, weight[..., :1]))
+            else:
+                mean = total.sum(dim=0) / weight.sum(dim=0)
                 colour.copy_(torch.where(weight > TINY, total / weight.clamp(min=TINY), mean))

@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn import Parameter
 
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.training.appearance import Observation, Perceptual
+from neural_strands.training.appearance import Perceptual
+from neural_strands.training.first_colours import initialise_colours
 from neural_strands.training.fit_config import FitConfig
 from neural_strands.training.fit_data import FitData, random_region
 from neural_strands.training.losses import alpha_loss, rendering_loss
+from neural_strands.training.observation import Observation
 from neural_strands.training.schedule import appearance_begins, blur_width, rate_factor, released_points
 from neural_strands.training.shape import decode_some, shape_losses
 from neural_strands.training.workers import Workers
@@ -52,7 +55,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
     groups = [
         {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
         {"params": [model.textures.appearance], "lr": rates.appearance, "rate": rates.appearance},
-        {"params": list(model.unet.parameters()), "lr": rates.network, "rate": rates.network},
+        {"params": networks(model), "lr": rates.network, "rate": rates.network},
         {
             "params": [model.body.colour, model.background.colour],
             "lr": rates.surround,
@@ -98,17 +101,24 @@ def fit(
         if shape_moves:
             figures |= _shape_part(state, data, config, workers)
         if with_images:
-            figures |= _image_part(state, data, config, perceptual, workers, shape_moves)
+            judge = perceptual if step >= config.schedule.perceptual_from * config.steps else None
+            figures |= _image_part(state, data, config, judge, workers, shape_moves)
         workers.sum_gradients(learned)
+        # One odd crop must not undo the fit.
+        torch.nn.utils.clip_grad_norm_(networks(state.model), config.largest_gradient)
         state.optimiser.step()
         state.step = step + 1
         if shape_moves:
             _remember(state, config, everything=with_images or step % REFRESH_EVERY == 0)
         if state.step == images_from:
-            with torch.no_grad():
-                state.drawn = state.model.decode().points
+            _first_colours(state, data)
         if after_step is not None:
             after_step(state, figures | {"step": float(state.step), "seconds": time.perf_counter() - began})
+
+
+def networks(model: HairModel) -> list[Parameter]:
+    """Weights of the image generator and of the points' shading."""
+    return [*model.unet.parameters(), *model.shading.parameters()]
 
 
 def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
@@ -152,12 +162,14 @@ def _image_part(
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
         output = model.render(strands, target.camera)
+        inner = without_margin(target, config.margin)
+        image, photograph = output.rgb[inner], target.image[inner]
         parts = {
-            "render": weights.render * rendering_loss(output.rgb, target.image),
-            "alpha": weights.alpha * alpha_loss(output.alpha, trimap.alpha, trimap.supervised),
+            "render": weights.render * rendering_loss(image, photograph),
+            "alpha": weights.alpha * alpha_loss(output.alpha[inner], trimap.alpha[inner], trimap.supervised[inner]),
         }
         if perceptual is not None:
-            parts["perceptual"] = weights.render * weights.perceptual * perceptual(output.rgb, target.image)
+            parts["perceptual"] = weights.render * weights.perceptual * perceptual(image, photograph)
         (sum(parts.values(), torch.zeros((), device=points.device)) / config.views_per_step).backward()
         for name, value in parts.items():
             sums[name] += float(value.detach()) / config.views_per_step
@@ -175,6 +187,20 @@ def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> F
     decoded = decode_some(model, index, state.drawn.shape[1], 0.0, 1.0)
     scaled = decoded.detach() + config.weights.shape_from_image * (decoded - decoded.detach())
     return state.drawn.index_copy(0, index, scaled)
+
+
+def without_margin(target: Observation, margin: int) -> tuple[slice, slice]:
+    """The part of a region that carries a loss: at its border the image generator lacks its surroundings."""
+    height, width = target.image.shape[:2]
+    edge = margin if min(height, width) > 4 * margin else 0
+    return slice(edge, height - edge), slice(edge, width - edge)
+
+
+def _first_colours(state: FitState, data: FitData) -> None:
+    """Before the first image step: all strands decoded, and colours in closed form from the pixels that show them."""
+    with torch.no_grad():
+        state.drawn = state.model.decode().points
+    initialise_colours(state.model, Strands(state.drawn, root_uv=state.model.root_uv), data.observations())
 
 
 @torch.no_grad()

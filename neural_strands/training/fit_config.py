@@ -26,8 +26,8 @@ class FitWeights:
     """Two-way Chamfer against the line segments, distances in `ChamferConfig.unit`."""
     render: float = 1.0
     """Squared colour error."""
-    perceptual: float = 0.1
-    """LPIPS, within the rendering loss."""
+    perceptual: float = 0.04
+    """LPIPS, within the rendering loss (the paper: 0.1 beside a sum)."""
     alpha: float = 0.1
     """Squared opacity error on the trimap."""
     head: float = 1.0
@@ -42,11 +42,11 @@ class FitRates:
 
     shape: float = 4e-3
     """Z_g, in units of the prior's latent (about 1 across hair)."""
-    appearance: float = 1e-2
+    appearance: float = 3e-3
     """Z_a."""
     network: float = 2e-3
     """UNet weights."""
-    surround: float = 1e-2
+    surround: float = 1e-3
     """Colours of body and background."""
 
 
@@ -64,11 +64,15 @@ class FitConfig:
     """Points a strand in the geometric loss (the result has `model.points`)."""
     targets_per_step: int = 60_000
     """Points of the line segments that one step sees."""
-    crop: int = 256
+    crop: int = 160
     """Side of the square image region of one step, pixels; images no larger are taken whole."""
+    margin: int = 8
+    """Pixels at a region's border that carry no loss."""
+    largest_gradient: float = 0.05
+    """Norm to which the gradient of the networks is cut."""
     views_per_step: int = 1
     """Image regions of one step, shared out between processes."""
-    shape_every: int = 4
+    shape_every: int = 8
     """After the geometry-only phase, every how many steps the shape moves; the others train appearance alone."""
     hold_out_every: int = 5
     """Every how manieth view is kept for evaluation and seen by nothing else; 0 keeps none."""
@@ -100,7 +104,7 @@ def preset(name: Preset) -> FitConfig:
         textures=ScalpTextureConfig(shape_size=128, appearance_size=256), unet=UNetConfig(widths=(12, 24, 32))
     )
     configs = {
-        "demo": FitConfig(steps=500, strands=6000, strands_per_step=2000, step_points=40, crop=192, model=small),
+        "demo": FitConfig(steps=500, strands=6000, strands_per_step=2000, step_points=40, crop=128, model=small),
         "fast": FitConfig(),
         "paper": replace(
             FitConfig(),

@@ -1,6 +1,8 @@
 """What a fit looks at: the training views one at a time, the line segments, the head."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import torch
 from jaxtyping import Float
@@ -12,8 +14,9 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.scalp.head import Head
-from neural_strands.training.appearance import Observation, random_crop
+from neural_strands.training.appearance import random_crop
 from neural_strands.training.losses import OrientedTargets
+from neural_strands.training.observation import Observation
 from neural_strands.training.trimap import Trimap, TrimapConfig, make_trimap
 
 FEWEST_VIEWS = 3
@@ -50,12 +53,37 @@ class FitData:
             None if mask is None else mask.to(device),
         )
 
+    def observations(self) -> Sequence[Observation]:
+        """All training views, each read when its turn comes."""
+        return _Observations(self)
+
     def trimap(self, target: Observation, config: TrimapConfig) -> Trimap:
         """Sure hair and sure emptiness of a view, from its mask or, without one, from the rasterised segments."""
         if target.mask is not None:
             return make_trimap(target.mask > 0.5, config)
         drawn = rasterise_lines(segment_lines(self.segments), target.camera)
         return make_trimap(drawn.segment >= 0, config)
+
+
+class _Observations(Sequence[Observation]):
+    """The training views as a sequence that holds none of them."""
+
+    def __init__(self, data: FitData) -> None:
+        self._data = data
+
+    def __len__(self) -> int:
+        return len(self._data.capture)
+
+    @overload
+    def __getitem__(self, index: int) -> Observation: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Observation]: ...
+    def __getitem__(self, index: int | slice) -> Observation | Sequence[Observation]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        return self._data.observation(index)
 
 
 def random_region(

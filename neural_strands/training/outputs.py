@@ -14,7 +14,7 @@ from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
-from neural_strands.raster.lines import rasterise_lines
+from neural_strands.training.first_colours import strand_colours
 from neural_strands.training.fit_data import FitData
 from neural_strands.training.run_folder import RunFolder
 
@@ -35,7 +35,7 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
         root_uv=model.root_uv.cpu(),
         root_normal=model.root_frame[:, :, 2].cpu(),
         width=torch.full(strands.points.shape[:2], HAIR_WIDTH),
-        color=strand_colours(strands, data).cpu(),
+        color=groom_colours(model, strands, data).cpu(),
     )
     save_hair_model(model, folder.model, notes)
     for path in (folder.groom, folder.groom_arrays):
@@ -44,25 +44,15 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
 
 
 @torch.no_grad()
-def strand_colours(strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
+def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
     """Linear RGB of each strand: mean of the pixels that see it; a strand that none sees takes its neighbour's."""
-    points = strands.points
-    total, count = points.new_zeros(len(points), 3), points.new_zeros(len(points))
-    for view in range(len(data.capture)):
-        target = data.observation(view)
-        buffer = rasterise_lines(points, target.camera)
-        seen = buffer.segment.reshape(-1) >= 0
-        strand = buffer.segment.reshape(-1)[seen] // (points.shape[1] - 1)
-        total.index_add_(0, strand, srgb_to_linear(target.image.reshape(-1, 3)[seen]))
-        count.index_add_(0, strand, torch.ones_like(strand, dtype=points.dtype))
-    known = count > 0
-    if not known.any():
-        return torch.full_like(total, 0.2)
-    colours = total / count.clamp(min=1)[:, None]
-    roots = points[:, 0]
-    _, index = nearest(roots[~known], roots[known], radius=1.0)
-    colours[~known] = colours[known][index.clamp(min=0)]
-    return colours
+    colours, weight = strand_colours(model, strands, data.observations())
+    known = weight > 0
+    if known.any() and not known.all():
+        roots = strands.points[:, 0]
+        _, index = nearest(roots[~known], roots[known], radius=1.0)
+        colours[~known] = colours[known][index.clamp(min=0)]
+    return srgb_to_linear(colours)
 
 
 @torch.no_grad()

@@ -16,6 +16,8 @@ class ScheduleConfig:
     """Fraction of the steps after which the whole strand is free; before, only its part nearest the root."""
     geometry_only: float = 0.3
     """Fraction of the steps during which rendering and alpha losses weigh nothing (the paper: 1,000 steps)."""
+    perceptual_from: float = 0.5
+    """Fraction of the steps after which the perceptual distance counts: before, it is dear and says little."""
     warmup: int = 50
     """Steps over which learning rates rise from zero."""
     final_rate: float = 0.1

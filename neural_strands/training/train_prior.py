@@ -54,7 +54,7 @@ class PriorLossConfig:
 class TrainPriorConfig:
     """How the strand prior is trained."""
 
-    steps: int = 12000
+    steps: int = 10000
     """Steps of the last stage (of all, in the paper's preset); the learning rate falls to zero over them."""
     sine_steps: int = 1500
     """Steps of the second stage, which trains the synthesiser's sines."""
