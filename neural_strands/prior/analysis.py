@@ -14,6 +14,7 @@ from torch import Tensor
 
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.generator import LARGEST_GAIN, LONGEST, SHORTEST, Raw, StrandGenerator, logit_between
+from neural_strands.prior.heading import heading_from_smooth
 from neural_strands.prior.synthesiser import Synthesiser, times
 
 DIRECTION_WEIGHT = 0.03
@@ -145,7 +146,7 @@ def analyse(generator: StrandGenerator, points: Float[Tensor, "strand point 3"],
         logit_between(frequency, *problem.bounds),
         warp,
         unit / (LARGEST_GAIN * share)[:, None, None],
-        smooth,
+        heading_from_smooth(smooth, generator.synthesiser.reach()),
     )
 
 

@@ -117,7 +117,9 @@ def _base_curve(draw: _Draw, length: Float[Tensor, " curve"]) -> Float[Tensor, "
     t = torch.linspace(0, 1, FINE, device=draw.device)
     tilt = math.pi / 2 * draw.uniform(0.0, 1.0) ** 0.7
     start = torch.stack([tilt.sin(), torch.zeros_like(tilt), tilt.cos()], dim=-1)
-    down = torch.nn.functional.normalize(draw.normal(3) + draw.normal(1) * start, dim=-1)
+    # Half of the strands fall below the tangent plane of their root: the head curves away under them.
+    below = draw.chance(0.5)[:, None] * torch.tensor([0.0, 0.0, -0.7], device=draw.device)
+    down = torch.nn.functional.normalize(draw.normal(3) + draw.normal(1) * start + below, dim=-1)
     pull = draw.chance(0.85) * draw.log_uniform(0.2, 8.0)
     onset = draw.log_uniform(0.3, 3.0)
     weight = (1 - torch.exp(-pull[:, None] * t[None] ** onset[:, None]))[..., None]

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from neural_strands.prior.fast import in_blocks
+from neural_strands.prior.heading import smooth_from_heading
 from neural_strands.prior.modulator import CouplingModulator, MlpModulator
 from neural_strands.prior.synthesiser import Modulations, Synthesiser, SynthesiserConfig
 
@@ -47,7 +48,8 @@ class Raw:
         frequency: logit of the logarithm of the curl's frequency between its bounds.
         warp: chirp of the curl, radians.
         unit: direction and phase of the curl (root mean square near 1).
-        smooth: weights of the smooth functions, in strand lengths.
+        smooth: heading of the strand (first column, see `prior.heading`), and on each axis the weights of the other
+            smooth functions, in strand lengths.
     """
 
     length: Float[Tensor, " strand"]
@@ -131,7 +133,7 @@ class StrandGenerator(nn.Module):
         gain = LARGEST_GAIN * raw.gain.sigmoid()
         return Modulations(
             between(raw.length, SHORTEST, LONGEST),
-            raw.smooth @ layer.smooth_mix,
+            smooth_from_heading(raw.smooth, layer.reach()) @ layer.smooth_mix,
             gain[:, None, None] * raw.unit,
             frequency,
             warp,

@@ -114,6 +114,15 @@ class Synthesiser(nn.Module):
             return waves
         return waves * self.attenuation(self.carrier_frequency, points)[:, None]
 
+    def reach(self) -> Float[Tensor, " smooth"]:
+        """Where each smooth function of unit weight ends: its integral over t (its rise, for positions)."""
+        if self.config.output == "position":
+            ends = (self.carrier_frequency + self.carrier_phase).sin() - self.carrier_phase.sin()
+        else:
+            middle = (0.5 * self.carrier_frequency + self.carrier_phase).sin()
+            ends = middle * torch.sinc(self.carrier_frequency / (2 * math.pi))
+        return self.smooth_mix @ ends
+
     def attenuation(self, frequency: Float[Tensor, "*unit"], points: int) -> Float[Tensor, "*unit"]:
         """Mean of a sine over one step of t by its value at the middle: sin(x)/x with x = frequency dt / 2."""
         if self.config.output == "position" or self.config.integration == "euler":
