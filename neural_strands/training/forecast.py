@@ -46,7 +46,7 @@ class Forecast:
         stereo, steps = self.stereo_seconds / 60, self.fit_seconds / 60
         return (
             f"expect about {stereo + steps:.0f} minutes: {stereo:.0f} for stereo, {steps:.0f} for the steps "
-            f" ({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
+            f"({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
             f"memory about {self.memory_bytes / 1e9:.1f} GB"
         )
 
