@@ -15,7 +15,9 @@ from neural_strands.scalp.roots import Roots
 
 def test_each_view_is_judged_in_its_hair_region(generator):
     config = HairModelConfig(ScalpTextureConfig(8, 64, 8), UNetConfig(widths=(8, 8)), points=10)
-    roots = Roots(torch.zeros(2, 3), torch.rand(2, 2, generator=generator), torch.eye(3).expand(2, 3, 3), torch.zeros(2))
+    roots = Roots(
+        torch.zeros(2, 3), torch.rand(2, 2, generator=generator), torch.eye(3).expand(2, 3, 3), torch.zeros(2)
+    )
     model = HairModel(config, roots, StrandGenerator(), Mesh(torch.zeros(0, 3), torch.zeros(0, 3).long()), generator)
     camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 60.0, (40, 40), "front")
     photograph = torch.rand(40, 40, 3, generator=generator)
