@@ -48,6 +48,8 @@ class Lmvs:
         from neural_strands.lmvs.files import save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+        from neural_strands.lmvs.report import write_report
+        from neural_strands.lmvs.strokes import read_strokes
 
         begin = time.perf_counter()
         capture = Capture.load(self.capture)
@@ -55,9 +57,11 @@ class Lmvs:
             capture = capture.subset(self.views)
         views = capture_views(capture)
         segments = reconstruct(views, capture.head, LmvsConfig(), seeded(self.seed), self.out / "work", track)
-        segments = orient_segments(segments, capture.head, [], GrowthConfig())
+        strokes = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras, segments)
+        segments = orient_segments(segments, capture.head, strokes, GrowthConfig())
         for suffix in ("npz", "ply"):
             save_segments(self.out / f"segments.{suffix}", segments)
+        write_report(views, segments, self.out)
         result = {
             "points": len(segments),
             "segments": segments.segment_count,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 import warp as wp
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.foundation import kernels
@@ -88,13 +88,18 @@ def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> Region:
 
 def head_map(camera: Camera, mesh: wp.Mesh | None) -> Float[Tensor, "height width"]:
     """Distance from the camera's centre to the head along each pixel's ray."""
-    count = camera.width * camera.height
-    distance = torch.full((count,), NOTHING, device=camera.intrinsics.device)
+    rays = camera.rays(camera.pixel_centres()).reshape(-1, 3)
+    return head_distance(camera, rays, mesh).reshape(camera.height, camera.width)
+
+
+def head_distance(camera: Camera, rays: Float[Tensor, "pixel 3"], mesh: wp.Mesh | None) -> Float[Tensor, " pixel"]:
+    """Distance from the camera's centre to the head along unit rays; a large number where they miss it."""
+    count = len(rays)
+    distance = torch.full((count,), NOTHING, device=rays.device)
     if mesh is not None:
-        rays = camera.rays(camera.pixel_centres()).reshape(-1, 3)
         inputs = [mesh.id, wp.vec3(*camera.position.tolist()), kernels.array(rays, wp.vec3), kernels.array(distance)]
-        kernels.launch_split(hull_kernels.head_distance, count, inputs, distance.device)
-    return distance.reshape(camera.height, camera.width)
+        kernels.launch_split(hull_kernels.trace_head, count, inputs, distance.device)
+    return distance
 
 
 def warp_mesh(mesh: Mesh) -> wp.Mesh:
@@ -107,31 +112,31 @@ def warp_mesh(mesh: Mesh) -> wp.Mesh:
 class Carver:
     """Carves a box of voxels view by view, so that only one mask is in memory at a time."""
 
-    def __init__(self, region: Region, voxel: float, views: int, most: int = 12_000_000) -> None:
+    def __init__(self, region: Region, voxel: float, most: int = 12_000_000) -> None:
         """Fill the box about the region; `voxel` (metres) grows until there are at most `most` voxels."""
         self.voxel = max(min(voxel, region.radius / 64), 2 * region.radius / most ** (1 / 3))
         self.nodes = math.ceil(2 * region.radius / self.voxel) + 1
         self.origin = region.centre - region.radius
-        steps = torch.arange(self.nodes, device=region.centre.device) * self.voxel
-        self.points = (
-            torch.stack(torch.meshgrid(steps, steps, steps, indexing="ij"), dim=-1).reshape(-1, 3) + self.origin
-        )
-        inside = (self.points - region.centre).norm(dim=-1) < region.radius
-        self.kept = torch.where(inside, views, 0).to(torch.int32)
+        square = (torch.arange(self.nodes, device=region.centre.device) * self.voxel - region.radius) ** 2
+        inside = square[:, None, None] + square[:, None] + square < region.radius**2
+        self.kept = inside.to(torch.uint8).reshape(-1)
 
-    def add(self, camera: Camera, hair: Float[Tensor, "height width"], head: Float[Tensor, "height width"]) -> None:
-        """Drop what this view sees to be no hair."""
+    def add(self, camera: Camera, hair: Bool[Tensor, "height width"], mesh: wp.Mesh | None) -> None:
+        """Drop what this view sees, in front of the head, to be no hair."""
+        head = head_map(camera.resized(max(camera.width // 2, 1), max(camera.height // 2, 1)), mesh)
         projection = torch.eye(4, device=hair.device)
         projection[:3] = camera.intrinsics @ camera.world_to_camera[:3]
         inputs = [
-            kernels.array(self.points, wp.vec3),
+            wp.vec3(*self.origin.tolist()),
+            self.voxel,
+            self.nodes,
             wp.mat44(*projection.reshape(-1).tolist()),
             wp.vec3(*camera.position.tolist()),
-            kernels.array(hair),
+            kernels.array(hair.to(torch.uint8)),
             kernels.array(head),
             kernels.array(self.kept),
         ]
-        kernels.launch_split(hull_kernels.carve, len(self.points), inputs, hair.device)
+        kernels.launch_split(hull_kernels.carve, len(self.kept), inputs, hair.device)
 
     def hull(self) -> Hull:
         """The volume that is left, smoothed by about a voxel."""

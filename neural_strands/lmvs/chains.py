@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 import warp as wp
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
@@ -18,7 +18,7 @@ from neural_strands.lmvs.consistency import OrientedPoints
 class ChainConfig:
     """Lengths in pixel footprints, angles in degrees."""
 
-    radius: float = 2.5
+    radius: float = 2.0
     """Reach of the mean shift."""
     rounds: int = 2
     """Mean shifts of every point before chains grow."""
@@ -28,14 +28,16 @@ class ChainConfig:
     """Largest turn of a chain from one point to the next."""
     step: float = 1.0
     """Distance of a chain's points."""
-    spacing: float = 1.2
+    spacing: float = 0.6
     """Points nearer than this to a chain belong to it and start no other."""
-    support: float = 1.5
+    support: float = 0.4
     """Least sum of weights about a chain's point."""
-    steps: int = 60
+    steps: int = 24
     """Points a chain grows each way at most."""
-    shortest: int = 6
+    shortest: int = 3
     """Chains of fewer points are dropped."""
+    apart: float = 6.0
+    """Seeds grown at once are this far apart."""
     batch: int = 8192
     """Seeds grown at once."""
 
@@ -69,42 +71,47 @@ def grow_chains(
     cloud: OrientedPoints, footprint: float, config: ChainConfig, generator: torch.Generator
 ) -> LineSegments:
     """Grow chains from the cloud until every point belongs to one."""
-    radius = config.radius * footprint
+    radius, cell = config.radius * footprint, config.spacing * footprint
     points, directions, _ = mean_shift(cloud, radius, config.angle, config.rounds)
     grid = Cloud(points, directions, cloud.weight, radius)
-    cell = config.spacing * footprint
-    free = torch.ones(len(points), dtype=torch.bool, device=points.device)
     keys = _cell_keys(points, cell)
-    order = torch.argsort(cloud.weight + 0.2 * torch.rand(len(points), generator=generator), descending=True)
-    parts: list[tuple[Tensor, Tensor, Tensor]] = []
-    taken = torch.zeros(0, dtype=torch.int64)
-    while True:
-        seeds = order[free[order]]
-        if len(seeds) == 0:
-            break
-        seeds = _apart(seeds, points, 6 * footprint)[: config.batch]
-        free[seeds] = False
+    jitter = torch.rand(len(points), generator=generator).to(points)
+    order = torch.argsort(cloud.weight + 0.2 * jitter, descending=True)
+    parts: list[_Chains] = []
+    taken = keys[:0]
+    while len(order):
+        seeds = _apart(order, points, config.apart * footprint)[: config.batch]
         chains = _walk(grid, seeds, points, directions, radius, footprint, config)
-        parts.extend(chains)
-        if chains:
-            taken = torch.unique(torch.cat([_cell_keys(chain[0], cell) for chain in chains]))
-            free &= ~torch.isin(keys, taken)
-    if not parts:
-        return LineSegments(points[:0], directions[:0], cloud.weight[:0], torch.zeros(0, dtype=torch.int64))
-    sizes = torch.tensor([len(part[0]) for part in parts])
-    support = torch.cat([part[2] for part in parts])
+        chains = _trim(chains, _cell_keys(chains.points, cell), taken, config.shortest)
+        parts.append(chains)
+        taken = torch.unique(torch.cat([taken, _cell_keys(chains.points, cell), keys[seeds]]))
+        order = order[~torch.isin(keys[order], taken)]
+    sizes = torch.cat([part.sizes for part in parts]) if parts else keys[:0]
+    if len(sizes) == 0:
+        return LineSegments(points[:0], directions[:0], cloud.weight[:0], keys[:0])
+    support = torch.cat([part.weight for part in parts])
     return LineSegments(
-        torch.cat([part[0] for part in parts]),
-        torch.cat([part[1] for part in parts]),
+        torch.cat([part.points for part in parts]),
+        torch.cat([part.directions for part in parts]),
         support / (support + support.median()),
-        torch.repeat_interleave(torch.arange(len(parts)), sizes),
+        torch.repeat_interleave(torch.arange(len(sizes), device=points.device), sizes),
     )
+
+
+@dataclass(frozen=True)
+class _Chains:
+    """Chains one after the other, and how many points each has."""
+
+    points: Float[Tensor, "point 3"]
+    directions: Float[Tensor, "point 3"]
+    weight: Float[Tensor, " point"]
+    sizes: Int64[Tensor, " chain"]
 
 
 def _walk(
     grid: Cloud, seeds: Tensor, points: Tensor, directions: Tensor, radius: float, footprint: float, config: ChainConfig
-) -> list[tuple[Tensor, Tensor, Tensor]]:
-    """Chains (points, directions, weights) from these seeds, those long enough."""
+) -> _Chains:
+    """Chains from these seeds, in their order."""
     shape = (len(seeds), 2, config.steps)
     chain, tangent = points.new_zeros(*shape, 3), points.new_zeros(*shape, 3)
     strength = points.new_zeros(shape)
@@ -123,16 +130,32 @@ def _walk(
         kernels.array(length),
     ]
     kernels.launch_split(chain_kernels.grow, 2 * len(seeds), inputs, points.device)
-    result = []
-    for k, (ahead, behind) in enumerate(length.tolist()):
-        if ahead + behind + 1 < config.shortest:
-            continue
-        seed = seeds[k : k + 1]
-        place = torch.cat([chain[k, 1, :behind].flip(0), points[seed], chain[k, 0, :ahead]])
-        line = torch.cat([-tangent[k, 1, :behind].flip(0), directions[seed], tangent[k, 0, :ahead]])
-        weight = torch.cat([strength[k, 1, :behind].flip(0), strength[k, :, 0].max()[None], strength[k, 0, :ahead]])
-        result.append((place, line, weight))
-    return result
+    # Both ways of a chain in one row: the way back reversed, the seed, the way ahead.
+    step = torch.arange(config.steps, device=points.device)
+    ahead, behind = step < length[:, :1], (step < length[:, 1:]).flip(1)
+    kept = torch.cat([behind, length.amax(dim=1, keepdim=True) > 0, ahead], dim=1)
+    place = torch.cat([chain[:, 1].flip(1), points[seeds, None], chain[:, 0]], dim=1)
+    line = torch.cat([-tangent[:, 1].flip(1), directions[seeds, None], tangent[:, 0]], dim=1)
+    weight = torch.cat([strength[:, 1].flip(1), strength[:, :, :1].amax(dim=1), strength[:, 0]], dim=1)
+    return _Chains(place[kept], line[kept], weight[kept], kept.sum(dim=1))
+
+
+def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chains:
+    """Leave to each chain the cells that no earlier chain has taken, and drop pieces that become too short."""
+    device = keys.device
+    rank = torch.repeat_interleave(torch.arange(len(chains.sizes), device=device), chains.sizes)
+    cells, inverse = torch.unique(keys, return_inverse=True)
+    first = torch.full((len(cells),), len(chains.sizes), dtype=torch.int64, device=device)
+    first.scatter_reduce_(0, inverse, rank, "amin")
+    kept = (first[inverse] == rank) & ~torch.isin(keys, taken)
+    # A piece begins where a kept point follows a dropped one or another chain.
+    begins = kept.clone()
+    begins[1:] &= ~kept[:-1] | (rank[1:] != rank[:-1])
+    piece = begins.cumsum(0)[kept] - 1
+    sizes = torch.bincount(piece)
+    long = sizes >= shortest
+    index = torch.nonzero(kept).squeeze(1)[long[piece]]
+    return _Chains(chains.points[index], chains.directions[index], chains.weight[index], sizes[long])
 
 
 def _cell_keys(points: Float[Tensor, "point 3"], cell: float) -> Tensor:

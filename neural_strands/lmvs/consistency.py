@@ -39,17 +39,30 @@ def confirmations(
     others: Sequence[tuple[Camera, LineMap]],
     distance: float,
     cosine: float,
+    stride: int,
 ) -> Float[Tensor, " point"]:
-    """Number of other views that see, where a point projects, a line within `distance` metres and an angle of it."""
+    """Number of other views that see, where a point projects, a line within `distance` metres and an angle of it.
+
+    Args:
+        points: positions, metres.
+        directions: unit.
+        others: the other views and their lines.
+        distance: metres.
+        cosine: of the largest angle.
+        stride: every how many-th pixel has a line; the one in the same block of pixels is asked.
+    """
     count = points.new_zeros(len(points))
     for camera, lines in others:
-        index = torch.full((camera.height, camera.width), -1, dtype=torch.int64, device=points.device)
-        index[lines.pixel[:, 1], lines.pixel[:, 0]] = torch.arange(len(lines.depth), device=points.device)
+        index = torch.full(
+            (camera.height // stride + 1, camera.width // stride + 1), -1, dtype=torch.int64, device=points.device
+        )
+        block = torch.div(lines.pixel, stride, rounding_mode="floor")
+        index[block[:, 1], block[:, 0]] = torch.arange(len(lines.depth), device=points.device)
         where = line_points(camera, lines)
         pixel, depth = camera.project(points)
         cell = pixel.floor()
         inside = (depth > 0) & (cell >= 0).all(-1) & (cell[:, 0] < camera.width) & (cell[:, 1] < camera.height)
-        cell = torch.where(inside[:, None], cell, torch.zeros_like(cell)).long()
+        cell = torch.div(torch.where(inside[:, None], cell, 0.0), stride, rounding_mode="floor").long()
         found = torch.where(inside, index[cell[:, 1], cell[:, 0]], -1)
         near = (where[found] - points).norm(dim=-1) < distance
         alike = (lines.direction[found] * directions).sum(-1).abs() > cosine

@@ -10,6 +10,9 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, luma, orientation_map
 
+CROP_MARGIN = 24
+"""Pixels about the hair that are filtered with it."""
+
 
 @dataclass(frozen=True)
 class Features:
@@ -47,7 +50,7 @@ def view_features(
     Brightness is blurred by `brightness_blur` pixels: sensor and path-tracing noise is white, streaks are not.
     """
     brightness = luma(image)
-    seen = orientation_map(brightness, config)
+    seen = orientation_map(brightness, config) if mask is None else _cropped(brightness, mask, config)
     if mask is None:
         hair = hair_pixels(seen)
         silhouette = torch.ones_like(hair)
@@ -65,6 +68,21 @@ def view_features(
         dim=-1,
     )
     return Features(camera, texture, hair, silhouette), seen
+
+
+def _cropped(
+    brightness: Float[Tensor, "height width"], mask: Float[Tensor, "height width"], config: OrientationConfig
+) -> OrientationMap:
+    """Orientation about the hair only: zero confidence elsewhere."""
+    row, column = torch.nonzero(mask > 0.1, as_tuple=True)
+    full = OrientationMap(*(torch.zeros_like(brightness) for _ in range(3)))
+    if len(row) == 0:
+        return full
+    top, left = max(int(row.min()) - CROP_MARGIN, 0), max(int(column.min()) - CROP_MARGIN, 0)
+    part = slice(top, int(row.max()) + CROP_MARGIN), slice(left, int(column.max()) + CROP_MARGIN)
+    seen = orientation_map(brightness[part], config)
+    full.angle[part], full.confidence[part], full.energy[part] = seen.angle, seen.confidence, seen.energy
+    return full
 
 
 def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:

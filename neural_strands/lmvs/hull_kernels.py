@@ -11,9 +11,7 @@ import warp as wp
 
 @wp.kernel(enable_backward=False)
 @no_type_check
-def head_distance(
-    start: int, mesh: wp.uint64, centre: wp.vec3, ray: wp.array[wp.vec3], distance: wp.array[float]
-) -> None:
+def trace_head(start: int, mesh: wp.uint64, centre: wp.vec3, ray: wp.array[wp.vec3], distance: wp.array[float]) -> None:
     """Distance along each unit ray to the head, or a large number."""
     i = start + wp.tid()
     hit = wp.mesh_query_ray(mesh, centre, ray[i], 1.0e6)
@@ -26,18 +24,20 @@ def head_distance(
 @no_type_check
 def carve(
     start: int,
-    point: wp.array[wp.vec3],
+    origin: wp.vec3,
+    voxel: float,
+    nodes: int,
     projection: wp.mat44,
     centre: wp.vec3,
-    hair: wp.array(dtype=wp.float32, ndim=2),
+    hair: wp.array(dtype=wp.uint8, ndim=2),
     head: wp.array(dtype=wp.float32, ndim=2),
-    kept: wp.array[int],
+    kept: wp.array[wp.uint8],
 ) -> None:
     """Drop the points that a view sees outside its mask in front of the head; outside the picture nothing is known."""
     i = start + wp.tid()
-    if kept[i] == 0:
+    if kept[i] == wp.uint8(0):
         return
-    p = point[i]
+    p = origin + wp.vec3(float(i // (nodes * nodes)), float((i // nodes) % nodes), float(i % nodes)) * voxel
     image = projection * wp.vec4(p[0], p[1], p[2], 1.0)
     if image[2] <= 0.0:
         return
@@ -47,11 +47,13 @@ def carve(
         return
     row = int(v)
     column = int(u)
-    if hair[row, column] > 0.5:
+    if hair[row, column] > wp.uint8(0):
         return
-    if wp.length(p - centre) > head[row, column]:
+    head_row = wp.min(row * head.shape[0] // hair.shape[0], head.shape[0] - 1)
+    head_column = wp.min(column * head.shape[1] // hair.shape[1], head.shape[1] - 1)
+    if wp.length(p - centre) > head[head_row, head_column]:
         return
-    kept[i] = 0
+    kept[i] = wp.uint8(0)
 
 
 @wp.kernel(enable_backward=False)

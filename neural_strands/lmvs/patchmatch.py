@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 import torch
 import warp as wp
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels as launches
 from neural_strands.lmvs import kernels
 from neural_strands.lmvs.bounds import Bounds
 from neural_strands.lmvs.features import Features, ray_angle
+from neural_strands.lmvs.orientation import gaussian_blur
 
 MOST_NEIGHBOURS = 8
 """Neighbour views that the kernels have room for."""
@@ -49,9 +50,8 @@ class Level:
 
 
 LEVELS = (
-    Level(4, 3, 4, 4, 2, 2.0, 6.0, 0.3),
-    Level(2, 2, 2, 4, 2, 1.5, 2.0, 0.15),
-    Level(1, 1, 1, 4, 1, 1.5, 1.0, 0.05),
+    Level(4, 2, 3, 4, 2, 1.5, 3.0, 0.2),
+    Level(2, 1, 2, 4, 2, 1.5, 1.5, 0.1),
 )
 
 
@@ -61,13 +61,24 @@ class PatchMatchConfig:
 
     levels: tuple[Level, ...] = LEVELS
     """Coarse to fine."""
-    depths: int = 24
-    """Depths that the first sweep tries."""
+    depths: int = 28
+    """Depths that the first sweep tries, denser near the hull."""
+    smooth: float = 2.0
+    """Standard deviation over which the first sweep's costs are averaged between pixels, in strides of the first level.
+
+    A single ribbon of sub-pixel hair says little about depth; what a neighbourhood agrees on is the surface of the
+    hair to within a few millimetres."""
+    sink: float = 0.3
+    """Cost of lying as deep behind the hull's surface as the search goes: hair seen through a gap is the rarer case."""
+    shallow: float = 0.2
+    """Share of that depth which costs nothing."""
     intensity: float = 0.5
     """Weight of 1 - NCC against the orientation's cost."""
-    prior: float = 0.25
-    """Cost of lying as deep behind the hull's surface as the search goes (linear in depth)."""
-    best: int = 3
+    prior: float = 0.02
+    """Cost of leaving that surface by `slack` or more."""
+    slack: float = 6.0
+    """In pixel footprints."""
+    best: int = 6
     """Neighbours, the best ones, that a line's cost is the mean of."""
 
 
@@ -108,82 +119,135 @@ def match_lines(
     seed: int,
 ) -> LineMap:
     """Find the lines of the pixels of a view, given where each one's ray may look (`thickness` metres at most)."""
-    stack = _stack([reference, *neighbours[:MOST_NEIGHBOURS]])
+    views = _stack([reference, *neighbours[:MOST_NEIGHBOURS]])
     ray = reference.camera.rays(pixel.float() + 0.5)
-    depth, cost = torch.zeros_like(bounds.near), torch.full_like(bounds.near, 4.0)
-    direction = torch.zeros_like(ray)
+    depth, direction = torch.zeros_like(bounds.near), torch.zeros_like(ray)
+    anchor, cost = torch.zeros_like(bounds.near), torch.full_like(bounds.near, 4.0)
     previous = None
     for level in config.levels:
-        chosen = torch.nonzero(((pixel % level.stride) == level.stride // 2).all(dim=1)).squeeze(1)
-        if previous is not None:
+        chosen = torch.nonzero(on_grid(pixel, level.stride, config)).squeeze(1)
+        part = _Part(pixel[chosen], ray[chosen], bounds.select(chosen), ray_angle(reference.camera), level)
+        if previous is None:
+            offset = thickness * torch.linspace(0, 1, config.depths, device=ray.device)
+            depth[chosen] = anchor[chosen] = _surface(views, part, offset, config)
+            direction[chosen] = _looked(views, part, depth[chosen], config)
+        else:
             source = _nearest_solved(pixel[chosen], pixel[previous], level.stride * 2)
             _take_over(ray, chosen, previous, source, depth, direction)
-        part = Bounds(bounds.near[chosen], bounds.far[chosen], bounds.normal[chosen])
-        state = depth[chosen], direction[chosen], torch.full((len(chosen),), 4.0, device=ray.device)
-        _solve(
-            stack, reference, pixel[chosen], ray[chosen], part, level, config, thickness, previous is None, seed, state
-        )
+            anchor[chosen] = torch.where(source >= 0, anchor[previous[source.clamp(min=0)]], depth[chosen])
+        state = depth[chosen], direction[chosen], torch.full_like(depth[chosen], 4.0)
+        _improve(views, part, anchor[chosen], config, seed, state)
         depth[chosen], direction[chosen], cost[chosen] = state
         previous = chosen
     keep = torch.nonzero(cost < 2).squeeze(1)
     return LineMap(pixel[keep], depth[keep], direction[keep], cost[keep])
 
 
-def _solve(
-    stack: _Stack,
-    reference: Features,
-    pixel: Tensor,
-    ray: Tensor,
-    bounds: Bounds,
-    level: Level,
+def on_grid(pixel: Int64[Tensor, "point 2"], stride: int, config: PatchMatchConfig) -> Bool[Tensor, " point"]:
+    """Which pixels a level of this stride solves; each level's pixels are among the next one's."""
+    first = min(level.stride for level in config.levels) // 2
+    return ((pixel % stride) == first).all(dim=1)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The pixels that a level solves."""
+
+    pixel: Int64[Tensor, "point 2"]
+    ray: Float[Tensor, "point 3"]
+    bounds: Bounds
+    angle: float
+    level: Level
+
+    @property
+    def footprint(self) -> float:
+        """Width in metres of a pixel at the hair."""
+        return float(self.bounds.near.median()) * self.angle if len(self.ray) else 1.0
+
+
+def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
+    """What every kernel takes of the views, in this order."""
+    count, level = len(views.texture) - 1, part.level
+    patch = kernels.Patch()
+    patch.along, patch.across, patch.step = level.along, level.across, level.step
+    patch.intensity, patch.best, patch.views = config.intensity, min(config.best, count), count
+    patch.prior, patch.slack = config.prior, config.slack * part.footprint
+    patch.height, patch.width = views.texture.shape[1:3]
+    return [
+        launches.array(views.texture, wp.vec4),
+        launches.array(views.projection, wp.mat44),
+        launches.array(views.centre, wp.vec3),
+        launches.array(views.plane, wp.mat33),
+        patch,
+    ]
+
+
+def _surface(
+    views: _Stack, part: _Part, offset: Float[Tensor, " depth"], config: PatchMatchConfig
+) -> Float[Tensor, " point"]:
+    """Depth of the surface that each pixel's neighbourhood agrees on."""
+    cost = torch.zeros(len(part.ray), len(offset), device=part.ray.device)
+    rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
+    limits = [launches.array(part.bounds.near), launches.array(part.bounds.far), launches.array(offset)]
+    inputs = [*rays, *limits, part.angle, *_scene(views, part, config), launches.array(cost)]
+    launches.launch_split(kernels.sweep, len(part.ray), inputs, part.ray.device)
+    cell = torch.div(part.pixel, part.level.stride, rounding_mode="floor")
+    cell = cell - cell.amin(dim=0)
+    width, height = (cell.amax(dim=0) + 1).tolist()
+    valid = cost >= 0
+    volume = cost.new_zeros(2, len(offset), height, width)
+    volume[0][:, cell[:, 1], cell[:, 0]] = torch.where(valid, cost, 0.0).T
+    volume[1][:, cell[:, 1], cell[:, 0]] = valid.float().T
+    volume = gaussian_blur(volume, config.smooth)
+    mean = (volume[0] / volume[1].clamp(min=1e-6))[:, cell[:, 1], cell[:, 0]].T
+    deep = (offset / offset[-1] - config.shallow).clamp(min=0)
+    mean = torch.where(valid, mean + config.sink * deep, 9.0)
+    index = mean.argmin(dim=1, keepdim=True)
+    return part.bounds.near + offset[index[:, 0]]
+
+
+def _looked(
+    views: _Stack, part: _Part, depth: Float[Tensor, " point"], config: PatchMatchConfig
+) -> Float[Tensor, "point 3"]:
+    """Directions that the views agree on at these depths."""
+    direction = torch.zeros_like(part.ray)
+    outputs = [launches.array(depth), launches.array(direction, wp.vec3)]
+    inputs = [launches.array(part.ray, wp.vec3), *_scene(views, part, config), *outputs]
+    launches.launch_split(kernels.look, len(part.ray), inputs, part.ray.device)
+    return direction
+
+
+def _improve(
+    views: _Stack,
+    part: _Part,
+    anchor: Tensor,
     config: PatchMatchConfig,
-    thickness: float,
-    first: bool,
     seed: int,
     state: tuple[Tensor, Tensor, Tensor],
 ) -> None:
-    """Run one level; `state` (depth, direction, cost) is changed in place."""
-    views = len(stack.texture) - 1
-    patch = kernels.Patch()
-    patch.along, patch.across, patch.step = level.along, level.across, level.step
-    patch.intensity, patch.best, patch.views = config.intensity, min(config.best, views), views
-    patch.prior = config.prior / thickness
-    patch.height, patch.width = stack.texture.shape[1:3]
-    angle = ray_angle(reference.camera)
-    scene = [
-        launches.array(stack.texture, wp.vec4),
-        launches.array(stack.projection, wp.mat44),
-        launches.array(stack.centre, wp.vec3),
-        launches.array(stack.plane, wp.mat33),
-        patch,
-        launches.array(state[0]),
-        launches.array(state[1], wp.vec3),
-        launches.array(state[2]),
-    ]
-    rays = [launches.array(ray, wp.vec3), launches.array(bounds.normal, wp.vec3)]
-    limits = [launches.array(bounds.near), launches.array(bounds.far)]
-    if first:
-        inputs = [*rays, *limits, config.depths, angle, *scene]
-        launches.launch_split(kernels.sweep, len(pixel), inputs, ray.device)
-    adjacent = launches.array(_adjacency(pixel, level.stride))
-    cell = pixel // level.stride
+    """Red and black half sweeps of one level; `state` (depth, direction, cost) is changed in place."""
+    level = part.level
+    results = [launches.array(state[0]), launches.array(state[1], wp.vec3), launches.array(state[2])]
+    rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
+    limits = [launches.array(part.bounds.near), launches.array(part.bounds.far), launches.array(anchor)]
+    adjacent = launches.array(_adjacency(part.pixel, level.stride))
+    cell = torch.div(part.pixel, level.stride, rounding_mode="floor")
     colours = [torch.nonzero(cell.sum(dim=1) % 2 == c).squeeze(1).to(torch.int32) for c in (0, 1)]
-    footprint = float(bounds.near.median()) * angle if len(pixel) else 0.0
     for sweep in range(level.sweeps):
         shrink = 0.6**sweep
         for number, colour in enumerate(colours):
-            moves = [level.trials, level.depth_range * footprint * shrink, level.angle_range * shrink]
+            moves = [level.trials, level.depth_range * part.footprint * shrink, level.angle_range * shrink]
+            numbers = [*moves, seed + 2 * sweep + number, part.angle]
             inputs = [
                 launches.array(colour),
                 adjacent,
                 *rays,
                 *limits,
-                *moves,
-                seed + 2 * sweep + number,
-                angle,
-                *scene,
+                *numbers,
+                *_scene(views, part, config),
+                *results,
             ]
-            launches.launch_split(kernels.improve, len(colour), inputs, ray.device)
+            launches.launch_split(kernels.improve, len(colour), inputs, part.ray.device)
 
 
 def _stack(features: Sequence[Features]) -> _Stack:

@@ -13,15 +13,19 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs.bounds import Carver, Hull, Region, find_region, head_map, ray_bounds, warp_mesh
+from neural_strands.geometry.signed_distance import signed_distance
+from neural_strands.lmvs.bounds import Carver, Hull, Region, find_region, head_distance, ray_bounds, warp_mesh
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
 from neural_strands.lmvs.orientation import OrientationConfig
-from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines
+from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
 from neural_strands.lmvs.views import View
 from neural_strands.lmvs.work import Work
 
 log = logging.getLogger(__name__)
+
+SCALE = 5.0
+"""A head this many times larger or smaller than the hair is in another unit."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,7 @@ def reconstruct(
     with TemporaryDirectory() as temporary:
         work = Work(folder or Path(temporary), views, config.orientation)
         good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
+        good = _outside_head([view.camera for view in views], good, head)
         if len(good) < 2:
             raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
         scene = _survey(views, good, head, config, work)
@@ -103,17 +108,46 @@ def reconstruct(
     return grow_chains(cloud, scene.footprint, config.chains, generator)
 
 
+def _outside_head(cameras: Sequence[Camera], good: list[int], head: Mesh | None) -> list[int]:
+    """Leave out, with a warning, the views whose camera lies inside the head."""
+    if head is None or not good:
+        return good
+    centres = torch.stack([cameras[i].position for i in good])
+    inside = (signed_distance(centres, head).distance < 0).tolist()
+    for i, wrong in zip(good, inside, strict=True):
+        if wrong:
+            log.warning("%s: its camera lies inside the head; the view is left out.", cameras[i].name or f"view {i}")
+    return [i for i, wrong in zip(good, inside, strict=True) if not wrong]
+
+
+def _check_scale(region: Region, head: Mesh | None) -> None:
+    """Refuse a head that is not where the cameras see hair, or of another scale.
+
+    Raises:
+        InputError: it is not.
+    """
+    if head is None:
+        return
+    low, high = head.vertices.amin(dim=0), head.vertices.amax(dim=0)
+    size, away = 0.5 * float((high - low).norm()), float((0.5 * (low + high) - region.centre).norm())
+    if away > size + region.radius or not 1 / SCALE < region.radius / size < SCALE:
+        raise InputError(
+            f"expected the head where the cameras see the hair (radius {region.radius:.3g} m), came a head of radius "
+            f"{size:.3g} m, {away:.3g} m away; bring head and cameras to one scale and frame."
+        )
+
+
 def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: Work) -> _Scene:
     """Find where the hair is, and carve its hull."""
     cameras = [views[i].camera for i in good]
     region = find_region(cameras, [work.features(i).box for i in good])
+    _check_scale(region, head)
     footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
     footprint = float(torch.tensor(footprints).median())
     mesh = None if head is None else warp_mesh(head)
-    carver = Carver(region, config.voxel * footprint, len(good))
+    carver = Carver(region, config.voxel * footprint)
     for i in good:
-        features = work.features(i)
-        carver.add(views[i].camera, features.silhouette.float(), head_map(views[i].camera, mesh))
+        carver.add(views[i].camera, work.features(i).silhouette, mesh)
     return _Scene(work, region, carver.hull(), mesh, footprint)
 
 
@@ -130,11 +164,12 @@ def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Regi
 def _match(work: Work, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
     """Lines of one view."""
     reference = work.features(i)
-    row, column = torch.nonzero(reference.hair, as_tuple=True)
-    pixel = torch.stack([column, row], dim=1)
+    pixel = torch.nonzero(reference.hair).flip(1)
+    stride = min(level.stride for level in config.patchmatch.levels)
+    pixel = pixel[on_grid(pixel, stride, config.patchmatch)]
     rays = reference.camera.rays(pixel.float() + 0.5)
     thickness = config.thickness * scene.region.radius
-    head = head_map(reference.camera, scene.mesh)[row, column]
+    head = head_distance(reference.camera, rays, scene.mesh)
     bounds = ray_bounds(reference.camera, rays, head, scene.hull, scene.region, thickness)
     bounds, pixel = bounds.select(bounds.near > 0), pixel[bounds.near > 0]
     others = [work.features(j) for j in neighbours]
@@ -149,9 +184,9 @@ def _confirmed(
     points = line_points(cameras[i], lines)
     near = _neighbours(cameras, good, i, scene.region, 0.0)
     cosine = float(torch.cos(torch.deg2rad(torch.tensor(config.angle))))
-    votes = confirmations(
-        points, lines.direction, [(cameras[j], work.lines(j)) for j in near], config.distance * scene.footprint, cosine
-    )
+    others = [(cameras[j], work.lines(j)) for j in near]
+    stride = min(level.stride for level in config.patchmatch.levels)
+    votes = confirmations(points, lines.direction, others, config.distance * scene.footprint, cosine, stride)
     keep = votes >= min(config.confirming, len(near))
     weight = (1 - lines.cost[keep]).clamp(0.05, 1) * (votes[keep] / len(near)).sqrt()
     return OrientedPoints(

@@ -18,6 +18,8 @@ log = logging.getLogger(__name__)
 
 KEPT = 12
 """Views whose arrays stay in memory: a reference, its eight neighbours, and some that the next reference shares."""
+LEAST_CONFIDENCE = 0.02
+"""A view whose hair shows less mean confidence of orientation is left out."""
 LEAST_HAIR = 64
 """A view with fewer pixels of hair is left out."""
 
@@ -33,12 +35,15 @@ class Work:
 
     def prepare(self, index: int) -> bool:
         """Compute and store a view's features; False, with a warning, where it shows no hair."""
-        camera = self.views[index].camera
         features = self.features(index)
+        fault = None
         if int(features.hair.sum()) < LEAST_HAIR:
-            log.warning("%s: no hair found in this view; it is left out.", camera.name)
-            return False
-        return True
+            fault = "no hair found in this view"
+        elif float(features.texture[features.hair][:, 2].mean()) < LEAST_CONFIDENCE:
+            fault = "no texture where the hair should be (a black, saturated or empty image)"
+        if fault is not None:
+            log.warning("%s: %s; the view is left out.", self.views[index].camera.name or f"view {index}", fault)
+        return fault is None
 
     def features(self, index: int) -> Features:
         """A view's features, from memory, from disk, or computed."""

@@ -1,0 +1,68 @@
+"""Line-based multi-view stereo: time and memory of a capture end to end, and its score against the ground truth.
+
+Usage: python benchmarks/lmvs.py CAPTURE OUT [--keep]; OUT/work is emptied first unless --keep is given.
+"""
+
+import argparse
+import resource
+import shutil
+import time
+from pathlib import Path
+
+import torch
+
+from neural_strands.capture.capture import Capture
+from neural_strands.cli.lmvs import capture_views
+from neural_strands.foundation.progress import track
+from neural_strands.geometry.nearest import match_levels
+from neural_strands.geometry.resample import resample_polyline_lengths
+from neural_strands.geometry.strands import directions, lengths
+from neural_strands.lmvs.files import save_segments
+from neural_strands.lmvs.growth import GrowthConfig, orient_segments
+from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+
+THRESHOLDS = [(0.001, 0.17453), (0.002, 0.34907), (0.003, 0.5236)]
+STEP = 0.0005
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--keep", action="store_true")
+    given = parser.parse_args()
+    if not given.keep:
+        shutil.rmtree(given.out / "work", ignore_errors=True)
+    capture = Capture.load(given.capture)
+    begin = time.perf_counter(), time.process_time()
+    generator = torch.Generator().manual_seed(0)
+    segments = reconstruct(capture_views(capture), capture.head, LmvsConfig(), generator, given.out / "work", track)
+    segments = orient_segments(segments, capture.head, [], GrowthConfig())
+    wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    save_segments(given.out / "segments.npz", segments)
+    print(f"{len(capture)} views: {wall:.0f} s, {processor:.0f} s of processor, {memory:.0f} MB")
+    print(f"{segments.segment_count} segments, {len(segments)} points")
+    truth = capture.ground_truth
+    if truth is None:
+        return
+    count = int(lengths(truth.points).max() / STEP) + 2
+    points = resample_polyline_lengths(truth.points, count)
+    lines = directions(points).reshape(-1, 3)
+    points = points.reshape(-1, 3)
+    pick = torch.randperm(len(points), generator=generator)[:50_000]
+    unsigned, signed = match_levels(segments.points, segments.directions, points, lines, THRESHOLDS)
+    recalled, _ = match_levels(points[pick], lines[pick], segments.points, segments.directions, THRESHOLDS)
+    for level, (distance, angle) in enumerate(THRESHOLDS):
+        precision, recall = float((unsigned <= level).float().mean()), float((recalled <= level).float().mean())
+        score = 2 * precision * recall / max(precision + recall, 1e-9)
+        print(
+            f"{distance * 1000:.0f} mm, {torch.rad2deg(torch.tensor(angle)):.0f} degrees: precision {100 * precision:.1f}, "
+            f"recall {100 * recall:.1f}, F {100 * score:.1f}"
+        )
+    right = (signed <= 2).float().sum() / (unsigned <= 2).float().sum()
+    print(f"growth direction right: {100 * float(right):.1f} % of the matched points")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""The kernels are held to their twins in plain torch."""
+
+import math
+
+import torch
+import warp as wp
+
+from neural_strands.foundation import kernels as launches
+from neural_strands.geometry.cameras import Camera
+from neural_strands.lmvs import kernels
+from neural_strands.lmvs.chains import mean_shift
+from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.reference import line_cost_reference, mean_line_reference
+
+
+def unit(*shape: int, generator: torch.Generator) -> torch.Tensor:
+    return torch.nn.functional.normalize(torch.randn(*shape, 3, generator=generator), dim=-1)
+
+
+def some_cameras() -> list[Camera]:
+    target = torch.zeros(3)
+    eyes = [[0.0, 0.0, 1.0], [0.4, 0.1, 0.9], [-0.4, 0.2, 0.9], [0.1, 0.5, 0.8]]
+    return [Camera.look_at(torch.tensor(eye), target, 80.0, (48, 40)) for eye in eyes]
+
+
+def projections(cameras: list[Camera]) -> torch.Tensor:
+    matrix = torch.eye(4).repeat(len(cameras), 1, 1)
+    for i, camera in enumerate(cameras):
+        matrix[i, :3] = camera.intrinsics @ camera.world_to_camera[:3]
+    return matrix
+
+
+def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device):
+    cameras = some_cameras()
+    count = 200
+    angle = torch.rand(4, 40, 48, generator=generator) * math.pi
+    confidence = torch.rand(4, 40, 48, generator=generator)
+    brightness = torch.rand(4, 40, 48, generator=generator)
+    texture = torch.stack(
+        [confidence * torch.cos(2 * angle), confidence * torch.sin(2 * angle), confidence, brightness], dim=-1
+    )
+    point = torch.randn(count, 3, generator=generator) * 0.06
+    direction, normal = unit(count, generator=generator), unit(count, generator=generator)
+    footprint = torch.full((count,), 1.0 / 80)
+    patch = kernels.Patch()
+    patch.along, patch.across, patch.step = 3, 1, 1.5
+    patch.intensity, patch.best, patch.views, patch.height, patch.width = 0.4, 2, 3, 40, 48
+    cost = torch.zeros(count, device=device)
+    projection = projections(cameras)
+    inputs = [
+        *(launches.array(t.to(device), wp.vec3) for t in (point, direction, normal)),
+        launches.array(footprint.to(device)),
+        launches.array(texture.to(device), wp.vec4),
+        launches.array(projection.to(device), wp.mat44),
+        patch,
+        launches.array(cost),
+    ]
+    launches.launch_split(kernels.evaluate, count, inputs, device)
+    expected = line_cost_reference(texture, projection, point, direction, normal, footprint, patch)
+    assert torch.allclose(cost.cpu(), expected, atol=2e-3)
+    assert cost.std() > 0.01
+
+
+def test_mean_shift_is_its_twin(generator: torch.Generator):
+    count = 300
+    points = torch.rand(count, 3, generator=generator) * 0.02
+    directions = torch.nn.functional.normalize(
+        torch.tensor([0.0, 1.0, 0.0]) + 0.3 * torch.randn(count, 3, generator=generator), dim=-1
+    )
+    directions *= torch.sign(torch.randn(count, 1, generator=generator))
+    weight = torch.rand(count, generator=generator)
+    cloud = OrientedPoints(points, directions, weight, torch.zeros(count, dtype=torch.int64))
+    moved, turned, support = mean_shift(cloud, 0.004, 30.0, 1)
+    for i in range(0, count, 13):
+        place, line, total = mean_line_reference(points, directions, weight, points[i], directions[i], 0.004, 30.0)
+        assert torch.allclose(moved[i], place, atol=1e-6)
+        assert torch.allclose(turned[i], line, atol=1e-4)
+        assert abs(float(support[i]) - total) < 1e-4
+
+
+def test_mean_shift_moves_across_the_line_only(generator: torch.Generator):
+    count = 100
+    points = torch.rand(count, 3, generator=generator) * 0.01
+    directions = torch.tensor([0.0, 0.0, 1.0]).repeat(count, 1)
+    cloud = OrientedPoints(points, directions, torch.ones(count), torch.zeros(count, dtype=torch.int64))
+    moved, _, _ = mean_shift(cloud, 0.005, 20.0, 2)
+    assert torch.allclose(moved[:, 2], points[:, 2], atol=1e-6)

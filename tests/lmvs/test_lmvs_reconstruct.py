@@ -1,0 +1,104 @@
+"""From views to segments, on a striped ball whose surface and stripes are known exactly; and bad input."""
+
+import logging
+import math
+from functools import partial
+
+import pytest
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+from neural_strands.lmvs.views import View
+
+RADIUS = 0.1
+
+
+def camera(azimuth: float, elevation: float, size: int = 160) -> Camera:
+    eye = torch.tensor(
+        [math.cos(elevation) * math.sin(azimuth), math.sin(elevation), math.cos(elevation) * math.cos(azimuth)]
+    )
+    return Camera.look_at(eye, torch.zeros(3), 4.2 * size, (size, size), f"view_{azimuth:.2f}_{elevation:.2f}")
+
+
+def see(view: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+    """Image and mask of a ball with uneven stripes along its meridians (poles on the y axis), by ray casting."""
+    generator = torch.Generator().manual_seed(3)
+    rays = view.rays(view.pixel_centres())
+    middle = -(rays @ view.position)
+    square = view.position.square().sum() - middle**2
+    hit = square < RADIUS**2
+    point = view.position + rays * (middle - (RADIUS**2 - square).clamp(min=0).sqrt())[..., None]
+    longitude = torch.atan2(point[..., 0], point[..., 2])
+    latitude = torch.asin((point[..., 1] / RADIUS).clamp(-1, 1))
+    value = torch.full_like(longitude, 0.4)
+    for _ in range(24):
+        count = int(torch.randint(20, 150, (1,), generator=generator))
+        phase, drift = torch.rand(2, generator=generator) * 6.2832
+        # Stripes fade in and out along the meridian, so that there is something to match along it as well.
+        value += 0.07 * torch.cos(count * longitude + phase) * torch.cos(6 * latitude + drift)
+    grey = torch.where(hit, value.clamp(0, 1), 0.5)
+    return grey[..., None].expand(-1, -1, 3).contiguous(), hit.float()
+
+
+def views_of(cameras: list[Camera]) -> list[View]:
+    seen = [see(one) for one in cameras]
+    return [View(c, partial(lambda x: x, i), partial(lambda x: x, m)) for c, (i, m) in zip(cameras, seen, strict=True)]
+
+
+def ring() -> list[Camera]:
+    return [camera(0.4 * k, 0.35 * (-1) ** k) for k in range(8)]
+
+
+@pytest.mark.slow
+def test_a_striped_ball_comes_back(generator: torch.Generator):
+    found = reconstruct(views_of(ring()), None, LmvsConfig(), generator)
+    assert len(found) > 2000
+    distance = (found.points.norm(dim=-1) - RADIUS).abs()
+    assert distance.median() < 0.002
+    meridian = torch.stack([-found.points[:, 0], torch.zeros(len(found)), -found.points[:, 2]], dim=-1)
+    away = torch.nn.functional.normalize(meridian, dim=-1)
+    outward = torch.nn.functional.normalize(found.points, dim=-1)
+    tangent = torch.nn.functional.normalize(away - (away * outward).sum(-1, keepdim=True) * outward, dim=-1)
+    low = found.points[:, 1].abs() < 0.07
+    angle = torch.rad2deg(torch.arccos((found.directions * tangent).sum(-1).abs().clamp(max=1)))
+    assert angle[low].median() < 8
+    assert torch.allclose(found.directions.norm(dim=-1), torch.ones(len(found)), atol=1e-4)
+
+
+def test_a_single_view_is_refused(generator: torch.Generator):
+    with pytest.raises(InputError, match="at least two views"):
+        reconstruct(views_of(ring()[:1]), None, LmvsConfig(), generator)
+
+
+def test_views_without_hair_or_texture_are_named(generator: torch.Generator, caplog: pytest.LogCaptureFixture):
+    first, second, third = views_of(ring()[:3])
+    size = (160, 160)
+    bald = View(second.camera, second.load_image, lambda: torch.zeros(size))
+    white = View(third.camera, lambda: torch.ones(*size, 3), third.load_mask)
+    with caplog.at_level(logging.WARNING), pytest.raises(InputError, match="found it in 1"):
+        reconstruct([first, bald, white], None, LmvsConfig(), generator)
+    assert f"{second.camera.name}: no hair" in caplog.text
+    assert f"{third.camera.name}: no texture" in caplog.text
+
+
+def test_a_camera_inside_the_head_and_a_head_of_another_scale(
+    generator: torch.Generator, caplog: pytest.LogCaptureFixture
+):
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=RADIUS)
+    head = Mesh(torch.tensor(ball.vertices).float(), torch.tensor(ball.faces).long())
+    views = views_of(ring()[:2])
+    close = Camera.look_at(torch.tensor([0.0, 0.0, 0.02]), torch.tensor([0.0, 0.0, 1.0]), 100.0, (160, 160), "inner")
+    inner = View(close, views[0].load_image, views[0].load_mask)
+    with caplog.at_level(logging.WARNING), pytest.raises(InputError, match="found it in 1"):
+        reconstruct([views[0], inner], head, LmvsConfig(), generator)
+    assert "inner: its camera lies inside the head" in caplog.text
+    huge = Mesh(head.vertices * 1000, head.faces)
+    far = Mesh(head.vertices + 5.0, head.faces)
+    with pytest.raises(InputError, match=r"inside|one scale|found it in 0"):
+        reconstruct(views, huge, LmvsConfig(), generator)
+    with pytest.raises(InputError, match="one scale and frame"):
+        reconstruct(views, far, LmvsConfig(), generator)
