@@ -86,8 +86,8 @@ class FitConfig:
     """Weights of the losses."""
     rates: FitRates = field(default_factory=FitRates)
     """Learning rates."""
-    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
-    """Coarse to fine, root to tip, and when images begin to count."""
+    schedule: ScheduleConfig = field(default_factory=lambda: ScheduleConfig(widest_blur=2.0, release_until=0.0))
+    """Coarse to fine, root to tip, and when images begin. Traced first strands need little of the first two."""
     chamfer: ChamferConfig = field(default_factory=ChamferConfig)
     """The geometric loss."""
     trimap: TrimapConfig = field(default_factory=TrimapConfig)

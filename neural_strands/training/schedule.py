@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ScheduleConfig:
-    """When each part of the fit begins and how fast it moves; lengths are fractions of all steps."""
+    """When each part of the fit begins and how fast it moves; lengths are fractions of all steps.
+
+    The defaults are for a fit that starts from the mean strand everywhere, as the paper's does.
+    """
 
     widest_blur: float = 16.0
     """Deviation in texels of the Gaussian that blurs the gradient of the shape texture at the first step."""
