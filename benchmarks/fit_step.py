@@ -1,0 +1,123 @@
+"""What one step of the fit costs, part by part: `python benchmarks/fit_step.py [--preset fast] [--device cpu]`.
+
+Stand-in segments above the built-in mannequin's scalp and photographs of one grey: no data is needed, and the work is that
+of a real step.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+import torch
+
+from neural_strands.capture.capture import Capture
+from neural_strands.evaluation.structural_loss import structural_loss
+from neural_strands.evaluation.timing import Timing, time_function
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.strands import Strands, directions
+from neural_strands.prior.vae import load_prior
+from neural_strands.scalp.mannequin import mannequin
+from neural_strands.scalp.roots import sample_roots
+from neural_strands.synthesis.dome import DomeConfig, dome
+from neural_strands.training.fit import fit, step_generator
+from neural_strands.training.fit_config import FitConfig, preset
+from neural_strands.training.fit_data import FitData, random_region
+from neural_strands.training.losses import coverage_loss, head_penalty, surface_loss
+from neural_strands.training.prepare import begin, prepare
+from neural_strands.training.shape import decode_some
+
+SEGMENT_POINTS = 100_000
+
+
+def grey_capture(folder: Path, points: torch.Tensor, resolution: int) -> None:
+    """A capture of eight grey photographs of that size."""
+    frames = []
+    (folder / "images").mkdir()
+    for k, camera in enumerate(dome(points, DomeConfig(8, resolution))):
+        cv2.imwrite(str(folder / "images" / f"{k}.png"), np.full((resolution, resolution, 3), 128, np.uint8))
+        matrix = camera.opengl_camera_to_world.tolist()
+        focal = float(camera.intrinsics[0, 0])
+        frames.append({"file_path": f"images/{k}.png", "transform_matrix": matrix, "fl_x": focal, "fl_y": focal})
+    half = resolution / 2
+    shared = {"camera_model": "OPENCV", "w": resolution, "h": resolution, "cx": half, "cy": half}
+    (folder / "transforms.json").write_text(json.dumps({**shared, "frames": frames}))
+
+
+def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tuple[str, Timing]]:
+    """Time the parts of a shape step and of an image step."""
+    state = begin(data, load_prior(device=device), config)
+    model = state.model
+    random = step_generator(config, 0, 0)
+    index = torch.randperm(len(state.remembered), generator=random)[: config.strands_per_step].to(device)
+    chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
+    strands = decode_some(model, index, config.step_points, 0.0, 1.0).detach()
+    points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
+    others = state.remembered[config.strands_per_step :].reshape(-1, 3)
+    target, _ = random_region(
+        data, 0, config.crop, model.config.unet.stride, config.trimap, step_generator(config, 0, 1)
+    )
+    drawn = Strands(state.drawn, root_uv=model.root_uv)
+    rendered = model.render(drawn, target.camera).rgb.detach()
+
+    def decode_backward() -> None:
+        model.zero_grad()
+        decode_some(model, index, config.step_points, 0.0, 1.0).sum().backward()
+
+    def render_backward() -> None:
+        model.zero_grad()
+        model.render(drawn, target.camera).rgb.sum().backward()
+
+    parts = {
+        "decode some strands, forward and backward": decode_backward,
+        "surface loss": lambda: surface_loss(points, along, data.targets, config.chamfer),
+        "coverage loss": lambda: coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
+        "head penalty": lambda: head_penalty(strands, data.distance, config.clearance),
+        "decode all strands": model.decode,
+        "read a region and its trimap": lambda: random_region(
+            data, 0, config.crop, model.config.unet.stride, config.trimap, step_generator(config, 0, 1)
+        ),
+        "render a region, forward and backward": render_backward,
+        "structural loss": lambda: structural_loss(rendered, target.image),
+        "Adam over everything": state.optimiser.step,
+    }
+    rows = [(name, time_function(part, device)) for name, part in parts.items()]
+    for name, share in (("a whole shape step", 1.0), ("a whole image step", 0.0)):
+        trial = replace(config, steps=12, shape_every=100, schedule=replace(config.schedule, geometry_only=share))
+        fresh = begin(data, load_prior(device=device), trial)
+        seconds: list[float] = []
+        fit(fresh, data, trial, structural_loss, after_step=lambda _, row, out=seconds: out.append(row["seconds"]))
+        kept = sorted(seconds[2:])
+        rows.append((name, Timing(kept[len(kept) // 2], kept[0], kept[-1], len(kept), rows[-1][1].peak_bytes)))
+    return rows
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--preset", choices=("demo", "fast", "paper"), default="fast")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--resolution", type=int, default=512, help="side of the photographs, pixels")
+    options = parser.parse_args()
+    device = torch.device(options.device)
+    config = replace(preset(options.preset), initialise="mean", hold_out_every=0)
+    head = mannequin()
+    roots = sample_roots(head, SEGMENT_POINTS, torch.Generator().manual_seed(0))
+    lifted = roots.position + 0.01 * roots.normal
+    number = torch.arange(len(lifted))
+    segments = LineSegments(lifted, roots.frame[..., 0].contiguous(), torch.ones(len(lifted)), number)
+    with TemporaryDirectory() as folder:
+        grey_capture(Path(folder), lifted, options.resolution)
+        data = prepare(Capture.load(folder), head, segments, config, device)
+        rows = measure(data, config, device)
+    for name, timing in rows:
+        sys.stdout.write(f"{name:48} median {1e3 * timing.median:8.1f} ms, least {1e3 * timing.fastest:8.1f} ms\n")
+    sys.stdout.write(f"peak memory {rows[-1][1].peak_bytes / 1e9:.2f} GB\n")
+
+
+if __name__ == "__main__":
+    main()
