@@ -1,7 +1,6 @@
 """What one step of the fit costs, part by part: `python benchmarks/fit_step.py [--preset fast] [--device cpu]`.
 
-Stand-in segments above the built-in mannequin's scalp and photographs of one grey: no data is needed, and the work is that
-of a real step.
+Stand-in segments above the built-in mannequin and grey photographs: no data is needed, the work is that of a real step.
 """
 
 import argparse
