@@ -75,9 +75,9 @@ def test_samples_are_strands_of_plausible_length_without_spikes(prior: StrandPri
     length = lengths(strands)
     assert torch.isfinite(strands).all()
     assert length.quantile(0.01) > 0.005
-    assert length.quantile(0.99) < 1.0
+    assert length.quantile(0.99) < 1.2
     step = strands.diff(dim=1).norm(dim=-1) / (length[:, None] / 99)
-    assert (step - 1).abs().median() < 0.25
+    assert (step - 1).abs().median() < 0.16
 
 
 def test_no_strand_has_no_latent(prior: StrandPrior) -> None:
