@@ -199,5 +199,5 @@ def principal_functions(layer: Synthesiser, curves: Float[Tensor, "strand point 
     t = times(count, config.output, layer.carrier_frequency)
     basis = rows(layer, layer.carriers(t, count).double(), count)
     normal = basis @ basis.T
-    damped = normal + 1e-8 * normal.diagonal().mean() * torch.eye(len(normal), dtype=normal.dtype)
+    damped = normal + 1e-8 * normal.diagonal().mean() * torch.eye(len(normal), dtype=normal.dtype, device=normal.device)
     return torch.linalg.solve(damped, basis @ functions).T.to(layer.smooth_mix)
