@@ -185,7 +185,7 @@ def _make_segments(
     else:
         say("line-based multi-view stereo over the training views")
         seen = capture.subset(training_views(capture, config))
-        found = find_segments(seen, head.mesh, config.seed, folder.path / "lmvs", track)
+        found = find_segments(seen, head, config.seed, folder.path / "lmvs", track)
     save_segments(folder.segments, found)
 
 

@@ -10,15 +10,15 @@ from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.mesh import Mesh
 from neural_strands.lmvs.growth import GrowthConfig, orient_segments
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
 from neural_strands.lmvs.views import View
+from neural_strands.scalp.head import Head
 
 
 def find_segments(
     capture: Capture,
-    head: Mesh,
+    head: Head,
     seed: int,
     work: Path,
     track: Callable[[Iterable, str, int], Iterable],
@@ -27,14 +27,14 @@ def find_segments(
 
     Args:
         capture: the views that may be seen.
-        head: the head in the cameras' frame.
+        head: the head in the cameras' frame; hair grows away from its scalp, not from its shoulders.
         seed: of every random choice.
         work: folder where finished views are kept, so that a stopped run goes on.
         track: shows progress of a loop.
     """
     random = torch.Generator().manual_seed(seed)
-    found = reconstruct(capture_views(capture), head, LmvsConfig(), random, work, track)
-    return orient_segments(found, head, [], GrowthConfig())
+    found = reconstruct(capture_views(capture), head.mesh, LmvsConfig(), random, work, track)
+    return orient_segments(found, head.scalp_mesh, [], GrowthConfig())
 
 
 def capture_views(capture: Capture) -> list[View]:
