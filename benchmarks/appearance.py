@@ -26,6 +26,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.shading import ShadingConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import rasterise_lines
@@ -56,7 +57,9 @@ class Arguments:
     """The strided UNet in place of the alias-free one."""
     widths: tuple[int, ...] = (16, 32, 48, 64)
     """Channels of the UNet's levels."""
-    supersample: int = 2
+    shading: int = 32
+    """Hidden width of the point shader."""
+    supersample: int = 3
     """Line pixels for each image pixel, along each axis."""
     seed: int = 0
     """Of first weights, views and crops."""
@@ -140,7 +143,9 @@ def main(arguments: Arguments) -> None:
     held = [view for index, view in enumerate(views) if index % EVERY == EVERY - 1]
     train = [view for index, view in enumerate(views) if index % EVERY != EVERY - 1]
     config = HairModelConfig(
-        unet=UNetConfig(arguments.widths, alias_free=not arguments.plain), supersample=arguments.supersample
+        unet=UNetConfig(arguments.widths, alias_free=not arguments.plain),
+        shading=ShadingConfig(arguments.shading),
+        supersample=arguments.supersample,
     )
     first = torch.Generator().manual_seed(arguments.seed)
     model = HairModel(config, roots, StrandGenerator(), capture.head, first)
