@@ -4,6 +4,7 @@ Usage: python benchmarks/lmvs.py CAPTURE OUT [--keep]; OUT/work is emptied first
 """
 
 import argparse
+import math
 import resource
 import shutil
 import time
@@ -57,7 +58,7 @@ def main() -> None:
         precision, recall = float((unsigned <= level).float().mean()), float((recalled <= level).float().mean())
         score = 2 * precision * recall / max(precision + recall, 1e-9)
         print(
-            f"{distance * 1000:.0f} mm, {torch.rad2deg(torch.tensor(angle)):.0f} degrees: precision {100 * precision:.1f}, "
+            f"{distance * 1000:.0f} mm, {math.degrees(angle):.0f} degrees: precision {100 * precision:.1f}, "
             f"recall {100 * recall:.1f}, F {100 * score:.1f}"
         )
     right = (signed <= 2).float().sum() / (unsigned <= 2).float().sum()

@@ -65,12 +65,13 @@ class Bounds:
         return Bounds(self.near[keep], self.far[keep], self.normal[keep])
 
 
-def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> Region:
+def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool = True) -> Region:
     """Sphere about the point that the optical axes through the hair come closest to, as large as the hair is seen.
 
     Args:
         cameras: at least two.
         hairs: per camera, the pixels (x, y) between which hair is seen: left, top, right, bottom.
+        masked: whether these come from masks; if not, some may be far too large, and the median counts.
     """
     system, right = torch.zeros(3, 3), torch.zeros(3)
     for camera, box in zip(cameras, hairs, strict=True):
@@ -83,7 +84,7 @@ def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> Region:
     for camera, box in zip(cameras, hairs, strict=True):
         distance = float((camera.position - centre).norm())
         radius.append(camera.footprint(distance) * 0.5 * float((box[2:] - box[:2]).norm()))
-    return Region(centre, 1.05 * max(radius))
+    return Region(centre, 1.05 * (max(radius) if masked else sorted(radius)[len(radius) // 2]))
 
 
 def head_map(camera: Camera, mesh: wp.Mesh | None) -> Float[Tensor, "height width"]:

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import cv2
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -10,6 +12,10 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, luma, orientation_map
 
+LEAST_COHERENCE = 0.12
+"""Mean confidence of orientation below which a neighbourhood is no hair."""
+LEAST_SHARE = 0.15
+"""Patches of texture smaller than this share of the largest are no hair."""
 CROP_MARGIN = 24
 """Pixels about the hair that are filtered with it."""
 
@@ -93,7 +99,14 @@ def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:
     positive = smooth[smooth > 0]
     if len(positive) == 0:
         return torch.zeros_like(smooth, dtype=torch.bool)
-    return (smooth > 0.35 * torch.quantile(positive[:: max(1, len(positive) // 100000)], 0.98)) & (coherent > 0.12)
+    strong = 0.35 * torch.quantile(positive[:: max(1, len(positive) // 100_000)], 0.98)
+    found = ((smooth > strong) & (coherent > LEAST_COHERENCE)).cpu().numpy().astype(np.uint8)
+    closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
+    count, label, statistics, _ = cv2.connectedComponentsWithStats(closed)
+    area = statistics[:, cv2.CC_STAT_AREA].copy()
+    area[0] = 0
+    large = np.nonzero(area > LEAST_SHARE * area.max())[0] if count > 1 else np.zeros(0, int)
+    return torch.from_numpy(np.isin(label, large)).to(smooth.device)
 
 
 def ray_angle(camera: Camera) -> float:

@@ -5,6 +5,7 @@ is the one that the views' 2D orientations agree on, then takes over neighbours'
 black half sweeps, coarse to fine. A line is compared between views along itself and a few pixels to both sides.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,7 +52,8 @@ class Level:
 
 LEVELS = (
     Level(4, 2, 3, 4, 2, 1.5, 3.0, 0.2),
-    Level(2, 1, 2, 4, 2, 1.5, 1.5, 0.1),
+    Level(2, 1, 2, 4, 2, 1.5, 6.0, 0.1),
+    Level(1, 1, 3, 3, 1, 1.5, 15.0, 0.05),
 )
 
 
@@ -61,20 +63,20 @@ class PatchMatchConfig:
 
     levels: tuple[Level, ...] = LEVELS
     """Coarse to fine."""
-    depths: int = 28
-    """Depths that the first sweep tries, denser near the hull."""
-    smooth: float = 2.0
+    depth_step: float = 3.2
+    """Distance of the depths that the first sweep tries, pixel footprints."""
+    smooth: float = 1.0
     """Standard deviation over which the first sweep's costs are averaged between pixels, in strides of the first level.
 
     A single ribbon of sub-pixel hair says little about depth; what a neighbourhood agrees on is the surface of the
     hair to within a few millimetres."""
-    sink: float = 0.3
+    sink: float = 0.05
     """Cost of lying as deep behind the hull's surface as the search goes: hair seen through a gap is the rarer case."""
     shallow: float = 0.2
     """Share of that depth which costs nothing."""
     intensity: float = 0.5
     """Weight of 1 - NCC against the orientation's cost."""
-    prior: float = 0.02
+    prior: float = 0.0
     """Cost of leaving that surface by `slack` or more."""
     slack: float = 6.0
     """In pixel footprints."""
@@ -128,7 +130,8 @@ def match_lines(
         chosen = torch.nonzero(on_grid(pixel, level.stride, config)).squeeze(1)
         part = _Part(pixel[chosen], ray[chosen], bounds.select(chosen), ray_angle(reference.camera), level)
         if previous is None:
-            offset = thickness * torch.linspace(0, 1, config.depths, device=ray.device)
+            depths = math.ceil(thickness / (config.depth_step * part.footprint)) + 1
+            offset = thickness * torch.linspace(0, 1, depths, device=ray.device)
             depth[chosen] = anchor[chosen] = _surface(views, part, offset, config)
             direction[chosen] = _looked(views, part, depth[chosen], config)
         else:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -46,7 +46,7 @@ class LmvsConfig:
     """Voxel of the hull, pixel footprints."""
     confirming: int = 2
     """Other views that must confirm a line."""
-    distance: float = 3.0
+    distance: float = 4.0
     """Within what distance, pixel footprints."""
     angle: float = 20.0
     """Within what angle, degrees."""
@@ -61,6 +61,7 @@ class _Scene:
     hull: Hull
     mesh: wp.Mesh | None
     footprint: float
+    masked: bool
 
 
 def reconstruct(
@@ -140,7 +141,8 @@ def _check_scale(region: Region, head: Mesh | None) -> None:
 def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: Work) -> _Scene:
     """Find where the hair is, and carve its hull."""
     cameras = [views[i].camera for i in good]
-    region = find_region(cameras, [work.features(i).box for i in good])
+    masked = any(views[i].load_mask is not None for i in good)
+    region = find_region(cameras, [work.features(i).box for i in good], masked)
     _check_scale(region, head)
     footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
     footprint = float(torch.tensor(footprints).median())
@@ -148,7 +150,7 @@ def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: L
     carver = Carver(region, config.voxel * footprint)
     for i in good:
         carver.add(views[i].camera, work.features(i).silhouette, mesh)
-    return _Scene(work, region, carver.hull(), mesh, footprint)
+    return _Scene(work, region, carver.hull(), mesh, footprint, masked)
 
 
 def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
@@ -168,12 +170,15 @@ def _match(work: Work, scene: _Scene, i: int, neighbours: list[int], config: Lmv
     stride = min(level.stride for level in config.patchmatch.levels)
     pixel = pixel[on_grid(pixel, stride, config.patchmatch)]
     rays = reference.camera.rays(pixel.float() + 0.5)
-    thickness = config.thickness * scene.region.radius
+    settings, thickness = config.patchmatch, config.thickness * scene.region.radius
+    if not scene.masked:
+        # No hull: the whole ball is searched, and lying deep in it says nothing.
+        settings, thickness = replace(settings, sink=0.0), 2 * scene.region.radius
     head = head_distance(reference.camera, rays, scene.mesh)
     bounds = ray_bounds(reference.camera, rays, head, scene.hull, scene.region, thickness)
     bounds, pixel = bounds.select(bounds.near > 0), pixel[bounds.near > 0]
     others = [work.features(j) for j in neighbours]
-    return match_lines(reference, others, pixel, bounds, thickness, config.patchmatch, seed)
+    return match_lines(reference, others, pixel, bounds, thickness, settings, seed)
 
 
 def _confirmed(
