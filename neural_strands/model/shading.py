@@ -2,7 +2,7 @@
 
 A pixel covers several hairs. Shading them one by one and blending the colours is what a camera does; the image
 generator, which sees the blended descriptors, then corrects for what neighbours do to each other. The paper leaves all
-of it to the generator; measured beside it in docs/LOG.md.
+of it to the generator. Not measured apart yet.
 """
 
 from dataclasses import dataclass

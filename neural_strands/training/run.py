@@ -109,7 +109,7 @@ def run_fit(
     going_on = folder.description.is_file()
     if going_on and not request.resume:
         raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
-    prior, perceptual = load_prior(device=device), perceptual_loss(device, say)
+    prior, perceptual = load_prior(device=device).without_modulator(), perceptual_loss(device, say)
     if not going_on:
         cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
         if request.minutes is not None:
