@@ -31,11 +31,11 @@ class GrowthConfig:
     """Neighbours of a point."""
     angle: float = 35.0
     """Neighbours of a larger angle say nothing, degrees."""
-    scalp_reach: float = 0.08
+    scalp_reach: float = 0.03
     """How far from the head its pull falls to 1/e, as a share of the head's size."""
     scalp: float = 0.3
     """Pull to point away from the head."""
-    gravity: float = 0.05
+    gravity: float = 0.15
     """Pull to hang."""
     stroke: float = 100.0
     """Pull of a stroke."""
