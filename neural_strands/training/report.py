@@ -9,6 +9,7 @@ from torch import Tensor
 from neural_strands.evaluation.geometry_metrics import GeometryScore
 from neural_strands.evaluation.page import Gallery, Table, write_page
 from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png
+from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
 from neural_strands.training.evaluate import Evaluation, RunContents, mean_of, read_losses
 from neural_strands.training.fit_data import segment_lines
@@ -28,7 +29,7 @@ TURNTABLE_VIEWS = 8
 
 
 def write_report(run: RunContents, result: Evaluation) -> None:
-    """Write RUN/report/index.html.
+    """Write RUN/report/index.html, and RUN/report/summary.png: photograph, strands and rendering of one view.
 
     Raises:
         InputError: the folder cannot be written.
@@ -44,14 +45,23 @@ def write_report(run: RunContents, result: Evaluation) -> None:
         f"{len(run.strands)} strands of {run.strands.points_per_strand} points from {len(run.capture)} photographs of "
         f"{run.capture.folder.name}; {run.segments.segment_count} line segments."
     )
-    write_page(
-        run.folder.report / "index.html", f"Neural Strands: {run.capture.folder.name}", summary, tables, galleries
-    )
+    title = f"Neural Strands: {run.capture.folder.name}"
+    write_page(run.folder.report / "index.html", title, summary, tables, galleries)
+    with atomic_file(run.folder.report / "summary.png") as temporary:
+        temporary.write_bytes(png(_summary(run, result)))
+
+
+def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height width 3"]:
+    """A view that was judged: photograph, reconstructed strands by direction, rendering."""
+    place = len(result.views) - 1
+    camera = run.capture.cameras[run.shown[place]].to(run.strands.points.device)
+    strands = geometry_picture(run.strands.points, camera, run.head.mesh).cpu()
+    return torch.cat([result.views[place].truth, strands, result.views[place].rendered], dim=1)
 
 
 def _geometry_table(result: Evaluation) -> Table:
-    names = [score.threshold.name for score in result.ours[:3]]
-    heads = ("", *(f"{what} {name}" for name in names for what in ("P", "R", "F")))
+    names = [score.threshold.name.replace("deg", "°").replace("mm/", " mm ") for score in result.ours[:3]]
+    heads = ("", *(f"{what} {name}" if what == "P" else what for name in names for what in ("P", "R", "F")))
     rows = [("ours: LMVS", *_cells(result.lmvs)), ("ours: strands", *_cells(result.ours))]
     rows += [(name, *(f"{value:.2f}" for row in figures for value in row)) for name, figures in PAPER_ROWS.items()]
     consistency = ", ".join(f"{score.strand_consistency or 0:.1f} % at {score.threshold.name}" for score in result.ours)
