@@ -38,17 +38,19 @@ def confirmations(
     directions: Float[Tensor, "point 3"],
     others: Sequence[tuple[Camera, LineMap]],
     distance: float,
-    cosine: float,
+    angle: float,
     stride: int,
 ) -> Float[Tensor, " point"]:
-    """Number of other views that see, where a point projects, a line within `distance` metres and an angle of it.
+    """How many other views see, where a point projects, a line within `distance` metres and `angle` radians of it.
+
+    Each counts the less the farther it is off: one that agrees closely is worth two that agree roughly.
 
     Args:
         points: positions, metres.
         directions: unit.
         others: the other views and their lines.
         distance: metres.
-        cosine: of the largest angle.
+        angle: radians.
         stride: every how many-th pixel has a line; the one in the same block of pixels is asked.
     """
     count = points.new_zeros(len(points))
@@ -64,7 +66,7 @@ def confirmations(
         inside = (depth > 0) & (cell >= 0).all(-1) & (cell[:, 0] < camera.width) & (cell[:, 1] < camera.height)
         cell = torch.div(torch.where(inside[:, None], cell, 0.0), stride, rounding_mode="floor").long()
         found = torch.where(inside, index[cell[:, 1], cell[:, 0]], -1)
-        near = (where[found] - points).norm(dim=-1) < distance
-        alike = (lines.direction[found] * directions).sum(-1).abs() > cosine
-        count += ((found >= 0) & near & alike).float()
+        near = 1 - (where[found] - points).norm(dim=-1) / distance
+        turned = torch.arccos((lines.direction[found] * directions).sum(-1).abs().clamp(max=1))
+        count += torch.where(found >= 0, near.clamp(min=0).sqrt() * (1 - turned / angle).clamp(min=0), 0.0)
     return count

@@ -1,6 +1,7 @@
 """Line-based multi-view stereo from end to end: views in, line segments out (paper, Data Preparation)."""
 
 import logging
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -44,8 +45,8 @@ class LmvsConfig:
     """How deep behind the hull's surface hair is looked for, as a share of the radius that the hair is seen in."""
     voxel: float = 3.0
     """Voxel of the hull, pixel footprints."""
-    confirming: int = 2
-    """Other views that must confirm a line."""
+    confirming: float = 1.0
+    """Other views that must confirm a line; each counts from 1 (the same line) to 0 (off by the limits below)."""
     distance: float = 4.0
     """Within what distance, pixel footprints."""
     angle: float = 20.0
@@ -188,12 +189,13 @@ def _confirmed(
     lines = work.lines(i)
     points = line_points(cameras[i], lines)
     near = _neighbours(cameras, good, i, scene.region, 0.0)
-    cosine = float(torch.cos(torch.deg2rad(torch.tensor(config.angle))))
     others = [(cameras[j], work.lines(j)) for j in near]
     stride = min(level.stride for level in config.patchmatch.levels)
-    votes = confirmations(points, lines.direction, others, config.distance * scene.footprint, cosine, stride)
-    keep = votes >= min(config.confirming, len(near))
-    weight = (1 - lines.cost[keep]).clamp(0.05, 1) * (votes[keep] / len(near)).sqrt()
+    votes = confirmations(
+        points, lines.direction, others, config.distance * scene.footprint, math.radians(config.angle), stride
+    )
+    keep = votes >= min(config.confirming, 0.5 * len(near))
+    weight = (1 - lines.cost[keep]).clamp(0.05, 1) * (votes[keep] / len(near)).sqrt().clamp(max=1)
     return OrientedPoints(
         points[keep], lines.direction[keep], weight, torch.full((int(keep.sum()),), i, dtype=torch.int64)
     )
