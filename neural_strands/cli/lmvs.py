@@ -4,7 +4,6 @@ import json as json_module
 import sys
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,10 +13,7 @@ from neural_strands.cli.device import seeded
 from neural_strands.foundation.progress import track
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
-    from neural_strands.capture.capture import Capture
-    from neural_strands.lmvs.views import View
+    pass
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,7 @@ class Lmvs:
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
         from neural_strands.lmvs.strokes import read_strokes
+        from neural_strands.training.segments import capture_views
 
         begin = time.perf_counter()
         capture = Capture.load(self.capture)
@@ -72,20 +69,3 @@ class Lmvs:
             sys.stdout.write(json_module.dumps(result) + "\n")
         else:
             sys.stdout.write("{segments} segments, {points} points, {seconds} s: {file}\n".format(**result))
-
-
-def capture_views(capture: "Capture") -> "list[View]":
-    """The capture's photographs as line-based stereo takes them: nothing is read before its turn."""
-    from neural_strands.lmvs.views import View
-
-    masked = [view.hair_mask_path is not None for view in capture.views]
-
-    def mask(index: int) -> "Tensor":
-        found = capture.hair_mask(index)
-        assert found is not None
-        return found
-
-    return [
-        View(camera, partial(capture.image, i), partial(mask, i) if masked[i] else None)
-        for i, camera in enumerate(capture.cameras)
-    ]
