@@ -45,11 +45,11 @@ class LmvsConfig:
     """How deep behind the hull's surface hair is looked for, as a share of the radius that the hair is seen in."""
     voxel: float = 3.0
     """Voxel of the hull, pixel footprints."""
-    confirming: float = 1.0
+    confirming: float = 1.4
     """Other views that must confirm a line; each counts from 1 (the same line) to 0 (off by the limits below)."""
-    distance: float = 4.0
+    distance: float = 6.0
     """Within what distance, pixel footprints."""
-    angle: float = 20.0
+    angle: float = 25.0
     """Within what angle, degrees."""
 
 
@@ -191,9 +191,8 @@ def _confirmed(
     near = _neighbours(cameras, good, i, scene.region, 0.0)
     others = [(cameras[j], work.lines(j)) for j in near]
     stride = min(level.stride for level in config.patchmatch.levels)
-    votes = confirmations(
-        points, lines.direction, others, config.distance * scene.footprint, math.radians(config.angle), stride
-    )
+    distance, angle = config.distance * scene.footprint, math.radians(config.angle)
+    votes = confirmations(points, lines.direction, others, distance, angle, stride)
     keep = votes >= min(config.confirming, 0.5 * len(near))
     weight = (1 - lines.cost[keep]).clamp(0.05, 1) * (votes[keep] / len(near)).sqrt().clamp(max=1)
     return OrientedPoints(
