@@ -108,8 +108,8 @@ def fit(
         torch.nn.utils.clip_grad_norm_(networks(state.model), config.largest_gradient)
         state.optimiser.step()
         state.step = step + 1
-        if shape_moves:
-            _remember(state, config, everything=with_images or step % REFRESH_EVERY == 0)
+        if shape_moves and (with_images or step % REFRESH_EVERY == 0):
+            _decode_all(state, config)
         if state.step == images_from:
             _first_colours(state, data)
         if after_step is not None:
@@ -204,10 +204,8 @@ def _first_colours(state: FitState, data: FitData) -> None:
 
 
 @torch.no_grad()
-def _remember(state: FitState, config: FitConfig, everything: bool) -> None:
-    """After the shape moved: decode all strands anew, when asked to, for geometry and for images."""
-    if not everything:
-        return
+def _decode_all(state: FitState, config: FitConfig) -> None:
+    """After the shape moved: all strands anew, as images and as the geometric loss see them."""
     state.drawn = state.model.decode().points
     pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
     state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()

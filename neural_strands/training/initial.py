@@ -30,8 +30,6 @@ class InitialConfig:
     """Where hair can be."""
     trace: TraceConfig = field(default_factory=TraceConfig)
     """Streamlines from the scalp."""
-    refine_steps: int = 0
-    """Gradient steps on each latent after the encoder."""
 
 
 def hair_flow(segments: LineSegments, views: MaskedViews, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:
@@ -47,10 +45,10 @@ def hair_flow(segments: LineSegments, views: MaskedViews, head: Mesh, roots: Roo
 
 def flow_latents(
     field: FlowField, roots: Roots, prior: StrandPrior, config: TraceConfig
-) -> tuple[Float[Tensor, "root latent"], Float[Tensor, "root point 3"]]:
-    """Trace a strand from every root and encode it; returns the latents and the traced strands in world metres."""
+) -> Float[Tensor, "root latent"]:
+    """Trace a strand from every root and encode it."""
     strands = trace_strands(field, roots.position, roots.normal, config)
-    return prior.encode(to_local(strands, roots.position, roots.frame)), strands
+    return prior.encode(to_local(strands, roots.position, roots.frame))
 
 
 def texture_from_latents(

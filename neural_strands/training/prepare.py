@@ -65,7 +65,7 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     if config.initialise == "flow":
         roots, mesh = roots.to(device), data.head.mesh
         flow = hair_flow(data.segments, MaskedViews.of(data.capture, device), mesh, roots, config.initial)
-        latents, _ = flow_latents(flow, roots, prior, replace(config.initial.trace, points=config.model.points))
+        latents = flow_latents(flow, roots, prior, replace(config.initial.trace, points=config.model.points))
         model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
     return model
 
