@@ -45,7 +45,7 @@ class Forecast:
         """What the user is told."""
         stereo, steps = self.stereo_seconds / 60, self.fit_seconds / 60
         return (
-            f"expect about {stereo + steps:.0f} minutes: {stereo:.0f} for stereo, {steps:.0f} for the steps "
+            f"expect about {stereo + steps:.1f} minutes: {stereo:.1f} for stereo, {steps:.1f} for the steps "
             f"({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
             f"memory about {self.memory_bytes / 1e9:.1f} GB"
         )
