@@ -75,4 +75,4 @@ def test_the_counts_are_exact():
     assert isinstance(node, ast.FunctionDef)
     assert parameter_count(node) == 5
     assert MACHINE_PATHS.search("see " + "/" + "home/me/x")
-    assert not MACHINE_PATHS.search("/".join(["out", "work", "x"]))
+    assert not MACHINE_PATHS.search("/".join(["out", "work", "x"]) + " and https://a.b/home/x")
