@@ -11,9 +11,15 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def device(request: pytest.FixtureRequest) -> torch.device:
     """Each device that a test should hold on."""
-    if request.param == "cuda" and not torch.cuda.is_available():
+    return request.getfixturevalue("cuda") if request.param == "cuda" else torch.device("cpu")
+
+
+@pytest.fixture
+def cuda() -> torch.device:
+    """A CUDA device; a test that needs one skips without it."""
+    if not torch.cuda.is_available():
         pytest.skip("no CUDA device")
-    return torch.device(request.param)
+    return torch.device("cuda")
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ def read_npz(path: Path) -> Groom:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
             arrays = {info.filename.removesuffix(".npy"): _array(path, archive, info) for info in archive.infolist()}
             places = {info.filename.removesuffix(".npy"): info.header_offset for info in archive.infolist()}
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, ValueError, OSError) as error:
         raise refuse(path, "byte 0", "an .npz archive of plain arrays", f"a broken one ({error})") from error
     if "points" in arrays and "vertices" not in arrays:
         points = arrays.pop("points")

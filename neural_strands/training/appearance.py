@@ -72,9 +72,7 @@ def appearance_loss(
     output: RenderOutput, target: Observation, config: AppearanceConfig, perceptual: Perceptual | None
 ) -> Float[Tensor, ""]:
     """Mean squared error, perceptual distance, and opacity against the mask, inside the crop's margin."""
-    height, width = target.image.shape[:2]
-    edge = config.margin if min(height, width) > 4 * config.margin else 0
-    inner = (slice(edge, height - edge), slice(edge, width - edge))
+    inner = without_margin(target, config.margin)
     image, photograph = output.rgb[inner], target.image[inner]
     loss = (image - photograph).square().mean()
     if perceptual is not None:
@@ -82,6 +80,13 @@ def appearance_loss(
     if target.mask is not None:
         loss = loss + config.alpha_weight * (output.alpha[inner] - target.mask[inner]).square().mean()
     return loss
+
+
+def without_margin(target: Observation, margin: int) -> tuple[slice, slice]:
+    """The part of a region that carries a loss: at its border the image generator lacks its surroundings."""
+    height, width = target.image.shape[:2]
+    edge = margin if min(height, width) > 4 * margin else 0
+    return slice(edge, height - edge), slice(edge, width - edge)
 
 
 def appearance_step(

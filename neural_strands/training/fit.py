@@ -16,7 +16,7 @@ from torch.nn import Parameter
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.training.appearance import Perceptual
+from neural_strands.training.appearance import Perceptual, without_margin
 from neural_strands.training.first_colours import initialise_colours
 from neural_strands.training.fit_config import FitConfig
 from neural_strands.training.fit_data import FitData, random_region
@@ -187,13 +187,6 @@ def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> F
     decoded = decode_some(model, index, state.drawn.shape[1], 0.0, 1.0)
     scaled = decoded.detach() + config.weights.shape_from_image * (decoded - decoded.detach())
     return state.drawn.index_copy(0, index, scaled)
-
-
-def without_margin(target: Observation, margin: int) -> tuple[slice, slice]:
-    """The part of a region that carries a loss: at its border the image generator lacks its surroundings."""
-    height, width = target.image.shape[:2]
-    edge = margin if min(height, width) > 4 * margin else 0
-    return slice(edge, height - edge), slice(edge, width - edge)
 
 
 def _first_colours(state: FitState, data: FitData) -> None:

@@ -83,9 +83,7 @@ def test_between_and_its_inverse() -> None:
 
 
 @pytest.mark.gpu
-def test_cuda_decodes_as_the_cpu_does(generator: torch.Generator) -> None:
-    if not torch.cuda.is_available():
-        pytest.skip("no CUDA device")
+def test_cuda_decodes_as_the_cpu_does(generator: torch.Generator, cuda: torch.device) -> None:
     latent = torch.randn(100, 64, generator=generator)
-    there = load_prior(device="cuda").decode(latent.cuda()).cpu()
+    there = load_prior(device=cuda).decode(latent.to(cuda)).cpu()
     torch.testing.assert_close(there, load_prior().decode(latent), atol=1e-4, rtol=1e-3)
