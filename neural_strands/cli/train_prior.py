@@ -10,7 +10,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.errors import InputError
-from neural_strands.training.train_prior import TrainPriorConfig
+from neural_strands.training.prior_config import TrainPriorConfig
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class TrainPrior:
     out: Annotated[Path, tyro.conf.Positional]
     """Where to write the weights (.safetensors)."""
     preset: Literal["default", "paper"] = "default"
-    """Ours, or the paper's modulator, encoder, losses and weights from a random start."""
+    """Ours, or the paper's modulator, encoder, losses and weights from a random start; what --config sets to something
+    else than our default is kept."""
     minutes: float | None = None
     """Stop after this many minutes, finished or not; what is there is kept."""
     resume: bool = False
@@ -47,7 +48,8 @@ class TrainPrior:
         import torch
 
         from neural_strands.training.groom_strands import local_strands
-        from neural_strands.training.train_prior import held_out_curves, held_out_error, paper_preset, train_prior
+        from neural_strands.training.prior_config import paper_preset
+        from neural_strands.training.train_prior import held_out_curves, held_out_error, train_prior
 
         if self.head and len(self.head) != len(self.groom):
             raise InputError(f"--head: expected one a groom ({len(self.groom)}), got {len(self.head)}.")

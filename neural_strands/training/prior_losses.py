@@ -10,6 +10,8 @@ from neural_strands.geometry.strands import lengths, segments
 
 SLOPE_WEIGHT = 0.03
 """Weight of an error in dp/dt against one in position in `relative_loss`, as in the closed-form analysis."""
+LIKE_SQUARED = 0.005
+"""Metres: the distance at which `absolute_loss` and `paper_loss` agree."""
 
 
 def paper_loss(
@@ -17,8 +19,40 @@ def paper_loss(
 ) -> Float[Tensor, ""]:
     """Data term of the paper: sum over points of the squared distance (metres) and of 1 - cosine, mean over strands."""
     squared = (decoded - true).square().sum(dim=(1, 2))
+    return (squared + direction_weight * _unlike_directions(decoded, true)).mean()
+
+
+def absolute_loss(
+    decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], direction_weight: float
+) -> Float[Tensor, ""]:
+    """The paper's data term with distances that are not squared (L1): less drawn to the few strands that are far off.
+
+    Distances are times `LIKE_SQUARED`, so that the other weights mean what they mean in `paper_loss`.
+    """
+    distance = LIKE_SQUARED * (decoded - true).norm(dim=-1).sum(dim=1)
+    return (distance + direction_weight * _unlike_directions(decoded, true)).mean()
+
+
+def turn_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:
+    """Squared error of the turn from each segment to the next (unit directions' difference), summed, mean over strands.
+
+    It asks for the curl itself where positions alone are served as well by the coil's axis.
+    """
+    turn, true_turn = (torch.diff(unit_directions(points), dim=1) for points in (decoded, true))
+    return (turn - true_turn).square().sum(dim=(1, 2)).mean()
+
+
+def unit_directions(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point-1 3"]:
+    """Unit direction of each segment; zero for one of no length."""
+    return torch.nn.functional.normalize(segments(points), dim=-1, eps=1e-12)
+
+
+def _unlike_directions(
+    decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]
+) -> Float[Tensor, " strand"]:
+    """Sum of 1 - cosine over the segments of each strand."""
     cosine = torch.nn.functional.cosine_similarity(segments(decoded), segments(true), dim=-1, eps=1e-12)
-    return (squared + direction_weight * (1 - cosine).sum(dim=1)).mean()
+    return (1 - cosine).sum(dim=1)
 
 
 def relative_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:

@@ -10,9 +10,9 @@ bits of one that was never stopped.
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -23,76 +23,23 @@ from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.progress import progress_bar
 from neural_strands.prior.analysis import analyse
 from neural_strands.prior.curves import CurveConfig, synthetic_curves
-from neural_strands.prior.encoder import EncoderConfig
-from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.vae import StrandPrior, save_prior
 from neural_strands.prior.whiten import start_from_curves, white_from_curves
 from neural_strands.training.curve_stream import CurveStream, seeded
-from neural_strands.training.prior_losses import gaussian_likelihood, kl_divergence, paper_loss, relative_loss
+from neural_strands.training.prior_config import PriorLossConfig, TrainPriorConfig
+from neural_strands.training.prior_losses import (
+    absolute_loss,
+    gaussian_likelihood,
+    kl_divergence,
+    paper_loss,
+    relative_loss,
+    turn_loss,
+)
 
 HELD_OUT = 512
 """Curves, never trained on, whose error the progress bar shows."""
 NOISY = 32
 """Curves of a batch that are also decoded from noisy latents in the default's last stage."""
-
-
-@dataclass(frozen=True)
-class PriorLossConfig:
-    """Weights of the losses."""
-
-    kind: Literal["relative", "paper"] = "relative"
-    """Errors in strand lengths, or the paper's in metres."""
-    direction: float = 1e-3
-    """Weight of 1 - cosine in the paper's data term (lambda_d)."""
-    kl: float = 3e-5
-    """Weight of the KL term (lambda_KL; the paper: 1e-3)."""
-    free_bits: float = 0.0
-    """KL a latent below which it is not counted, nats."""
-
-
-@dataclass(frozen=True)
-class TrainPriorConfig:
-    """How the strand prior is trained."""
-
-    steps: int = 10000
-    """Steps of the last stage (of all, in the paper's preset); the learning rate falls to zero over them."""
-    sine_steps: int = 1500
-    """Steps of the second stage, which trains the synthesiser's sines."""
-    start_curves: int = 20000
-    """Curves of the closed-form start; 0 starts from random weights and skips the second stage."""
-    batch: int = 512
-    """Curves a step."""
-    learning_rate: float = 2e-3
-    """Highest learning rate of modulator and CNN."""
-    sine_learning_rate: float = 5e-4
-    """Highest learning rate of the synthesiser's sines."""
-    own_share: float = 0.3
-    """Share of the user's own strands among the curves, where there are any."""
-    steps_a_chunk: int = 64
-    """Steps between new curves: 2,048 of the 16,384 in use are replaced."""
-    checkpoint_seconds: float = 60.0
-    """Seconds between checkpoints."""
-    curves: CurveConfig = field(default_factory=CurveConfig)
-    """The synthetic curves."""
-    loss: PriorLossConfig = field(default_factory=PriorLossConfig)
-    """Weights of the losses."""
-    generator: GeneratorConfig = field(default_factory=GeneratorConfig)
-    """The decoder."""
-    encoder: EncoderConfig = field(default_factory=EncoderConfig)
-    """The encoder."""
-
-
-def paper_preset(base: TrainPriorConfig) -> TrainPriorConfig:
-    """The paper's modulator (an MLP), encoder (a CNN alone), Euler sum, losses and weights; sizes of the base kept."""
-    generator = replace(
-        base.generator,
-        modulator="mlp",
-        layers=3,
-        synthesiser=replace(base.generator.synthesiser, integration="euler"),
-    )
-    encoder = replace(base.encoder, analysis=False, widths=(32, 32, 64, 128, 128))
-    loss = PriorLossConfig(kind="paper", direction=1e-3, kl=1e-3)
-    return replace(base, start_curves=0, sine_steps=0, generator=generator, encoder=encoder, loss=loss)
 
 
 @dataclass
@@ -183,7 +130,8 @@ def _steps(
     if run.stage == 0:
         while run.step < config.sine_steps:
             curves, _ = stream.batch(run.step, config.batch // 2)
-            yield _advance(run, {"data": _sine_loss(prior, curves.to(device))}, config.sine_steps)
+            loss = _sine_loss(prior, curves.to(device), config.loss)
+            yield _advance(run, {"data": loss}, config.sine_steps)
         if config.start_curves:
             white_from_curves(prior.generator, stream.draw(config.start_curves, 4).to(device), config.encoder.refine)
         run.stage, run.step, run.optimiser = 1, 0, _optimiser(prior, config, 1)
@@ -203,11 +151,13 @@ def _steps(
         yield _advance(run, losses, config.steps)
 
 
-def _sine_loss(prior: StrandPrior, curves: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:
+def _sine_loss(
+    prior: StrandPrior, curves: Float[Tensor, "strand point 3"], weights: PriorLossConfig
+) -> Float[Tensor, ""]:
     """Error that the closed-form analysis leaves; its gradient reaches the sines (the amplitudes are already best)."""
     generator = prior.generator
     raw = analyse(generator, curves, prior.encoder.config.refine)
-    return relative_loss(generator.synthesiser(generator.modulations(raw), curves.shape[1]), curves)
+    return _data_loss(generator.synthesiser(generator.modulations(raw), curves.shape[1]), curves, weights)
 
 
 def _vae_losses(
@@ -218,9 +168,20 @@ def _vae_losses(
 ) -> dict[str, Tensor]:
     """Data and KL terms of strands decoded from sampled latents."""
     decoded, mean, log_std = prior(curves, noise)
-    paper = weights.kind == "paper"
-    data = paper_loss(decoded, curves, weights.direction) if paper else relative_loss(decoded, curves)
-    return {"data": data, "kl": weights.kl * kl_divergence(mean, log_std, weights.free_bits)}
+    kl = weights.kl * kl_divergence(mean, log_std, weights.free_bits)
+    return {"data": _data_loss(decoded, curves, weights), "kl": kl}
+
+
+def _data_loss(
+    decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], weights: PriorLossConfig
+) -> Float[Tensor, ""]:
+    """Data term of the configured kind, and the weighted error of turns where there is a weight."""
+    if weights.kind == "relative":
+        data = relative_loss(decoded, true)
+    else:
+        measure = paper_loss if weights.kind == "paper" else absolute_loss
+        data = measure(decoded, true, weights.direction)
+    return data + weights.curvature * turn_loss(decoded, true) if weights.curvature else data
 
 
 def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, float]:
@@ -243,8 +204,11 @@ def learning_rate(step: int, steps: int, warm: int = 100) -> float:
 
 
 def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torch.optim.Optimizer:
-    """What each stage trains: the sines; then modulator and CNN; or all at once (the paper)."""
-    if not config.start_curves:
+    """What each stage trains: the sines; then modulator and CNN; or all at once (the paper).
+
+    Only the closed-form analysis needs the sines and the linear map to stay as they are in the last stage.
+    """
+    if not config.start_curves or (stage == 1 and not config.encoder.analysis):
         chosen, rate = list(prior.parameters()), config.learning_rate
     elif stage == 0:
         chosen, rate = list(prior.generator.synthesiser.parameters()), config.sine_learning_rate

@@ -5,7 +5,14 @@ import math
 import pytest
 import torch
 
-from neural_strands.training.prior_losses import gaussian_likelihood, kl_divergence, paper_loss, relative_loss
+from neural_strands.training.prior_losses import (
+    absolute_loss,
+    gaussian_likelihood,
+    kl_divergence,
+    paper_loss,
+    relative_loss,
+    turn_loss,
+)
 
 
 def straight(length: float) -> torch.Tensor:
@@ -21,6 +28,37 @@ def test_paper_loss_of_a_shift_and_of_a_turn() -> None:
     squared = 2 * true[0, :, 2].square().sum()
     # 99 segments at a right angle: 1 - cosine is 1 each.
     assert float(paper_loss(turned, true, 1e-3)) == pytest.approx(float(squared) + 99e-3, rel=1e-4)
+
+
+def test_absolute_loss_grows_with_the_distance_and_meets_the_papers_at_5_mm() -> None:
+    true = straight(0.1)
+    at_5 = true + torch.tensor([0.005, 0.0, 0.0])
+    torch.testing.assert_close(absolute_loss(at_5, true, 1e-3), paper_loss(at_5, true, 1e-3))
+    at_10 = true + torch.tensor([0.0, 0.01, 0.0])
+    torch.testing.assert_close(absolute_loss(at_10, true, 1e-3), 2 * absolute_loss(at_5, true, 1e-3))
+    turned = straight(0.1)[..., [2, 1, 0]]
+    distance = 0.005 * math.sqrt(2) * true[0, :, 2].sum()
+    assert float(absolute_loss(turned, true, 1e-3)) == pytest.approx(float(distance) + 99e-3, rel=1e-4)
+
+
+def test_absolute_loss_has_a_gradient_where_points_agree() -> None:
+    # The roots always do: both lie at 0.
+    decoded = straight(0.1).requires_grad_(True)
+    absolute_loss(decoded, straight(0.1), 1e-3).backward()
+    assert decoded.grad is not None
+    assert torch.isfinite(decoded.grad).all()
+
+
+def test_turn_loss_counts_turns_alone() -> None:
+    true = straight(0.1)
+    turned = straight(0.2)[..., [2, 1, 0]]
+    # Neither place, scale nor heading matter to straight strands: they do not turn.
+    assert float(turn_loss(turned, true)) == pytest.approx(0, abs=1e-9)
+    corner = true.clone()
+    corner[:, 50:, 0] = true[:, 50:, 2] - true[0, 49, 2]
+    corner[:, 50:, 2] = true[:, 49:50, 2]
+    # One right angle: directions differ by the diagonal of a unit square.
+    assert float(turn_loss(corner, true)) == pytest.approx(2.0, rel=1e-5)
 
 
 def test_relative_loss_does_not_depend_on_scale() -> None:

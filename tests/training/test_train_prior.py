@@ -9,17 +9,12 @@ import torch
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import load_prior
 from neural_strands.training import curve_stream
 from neural_strands.training import train_prior as module
-from neural_strands.training.train_prior import (
-    TrainPriorConfig,
-    held_out_curves,
-    held_out_error,
-    learning_rate,
-    paper_preset,
-    train_prior,
-)
+from neural_strands.training.prior_config import PriorLossConfig, TrainPriorConfig, paper_preset
+from neural_strands.training.train_prior import held_out_curves, held_out_error, learning_rate, train_prior
 
 TINY = TrainPriorConfig(
     steps=8,
@@ -90,6 +85,49 @@ def test_the_paper_preset_learns(tmp_path: Path) -> None:
     curves = held_out_curves(0, config.curves)
     start = held_out_error(train_prior(tmp_path / "a.safetensors", replace(config, steps=1)), curves)
     assert held_out_error(train_prior(tmp_path / "b.safetensors", config), curves) < 0.9 * start
+
+
+def test_the_paper_preset_keeps_what_was_changed() -> None:
+    given = replace(
+        TINY,
+        loss=PriorLossConfig(kind="absolute", free_bits=0.25),
+        generator=GeneratorConfig(synthesiser=SynthesiserConfig(output="position")),
+    )
+    config = paper_preset(given)
+    assert (config.loss.kind, config.loss.free_bits, config.loss.kl) == ("absolute", 0.25, 1e-3)
+    assert config.generator.synthesiser == SynthesiserConfig(output="position", integration="euler")
+    assert config.generator.modulator == "mlp"
+    assert (config.steps, config.batch, config.start_curves) == (TINY.steps, TINY.batch, TINY.start_curves)
+    assert paper_preset(TrainPriorConfig()).start_curves == 0
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"loss": PriorLossConfig(kind="absolute", curvature=1e-2, free_bits=0.25)},
+        {"start_curves": 200},
+        {"generator": GeneratorConfig(synthesiser=SynthesiserConfig(modulation="amplitude"))},
+        {"generator": GeneratorConfig(synthesiser=SynthesiserConfig(output="position"))},
+    ],
+    ids=["losses", "whitened", "amplitude", "position"],
+)
+def test_each_change_of_the_paper_preset_trains_all_weights(tmp_path: Path, changed: dict) -> None:
+    config = paper_preset(TrainPriorConfig(steps=2, batch=16, steps_a_chunk=4, **changed))
+    config = replace(config, sine_steps=0)
+    first = train_prior(tmp_path / "first.safetensors", replace(config, steps=1)).state_dict()
+    second = train_prior(tmp_path / "second.safetensors", config).state_dict()
+    same = {name for name, value in first.items() if torch.equal(value, second[name])}
+    # Amplitudes alone: no chirp, so nothing depends on the mix that bends the phase.
+    amplitude = config.generator.synthesiser.modulation == "amplitude"
+    assert same == ({"generator.synthesiser.warp_mix"} if amplitude else set())
+
+
+def test_the_loss_of_the_sines_is_the_configured_one(tmp_path: Path) -> None:
+    one = replace(TINY, steps=0, sine_steps=1)
+    plain = train_prior(tmp_path / "a.safetensors", one)
+    curved = train_prior(tmp_path / "b.safetensors", replace(one, loss=PriorLossConfig(curvature=1.0)))
+    phases = [prior.generator.synthesiser.unit_phase for prior in (plain, curved)]
+    assert not torch.equal(*phases)
 
 
 def test_minutes_stop_a_run_that_resume_finishes(tmp_path: Path) -> None:
