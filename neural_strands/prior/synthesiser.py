@@ -82,7 +82,9 @@ class Synthesiser(nn.Module):
         frequency = torch.where(half < cosines, half, half - cosines + 1) * math.pi
         self.carrier_frequency = nn.Parameter(frequency.float())
         self.carrier_phase = nn.Parameter(torch.where(half < cosines, math.pi / 2, 0.0))
-        self.smooth_mix = nn.Parameter(torch.eye(config.smooth, config.carriers))
+        # The heading divides by where the first function ends (`reach`): a position's may not be the constant carrier.
+        first = 1 if config.output == "position" else 0
+        self.smooth_mix = nn.Parameter(torch.eye(config.smooth, config.carriers).roll(first, dims=1))
         self.warp_mix = nn.Parameter(torch.eye(config.warps, config.carriers).roll(2, dims=1))
         offsets = math.pi * (torch.arange(config.sidebands) - (config.sidebands - 1) / 2)
         self.unit_frequency = nn.Parameter(offsets.repeat_interleave(2))

@@ -8,6 +8,7 @@ bits of one that was never stopped.
 """
 
 import json
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -185,7 +186,17 @@ def _data_loss(
 
 
 def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, float]:
-    """One optimiser step at the cosine schedule's learning rate."""
+    """One optimiser step at the cosine schedule's learning rate.
+
+    Raises:
+        InputError: a loss is not finite.
+    """
+    values = {name: float(value.detach()) for name, value in losses.items()}
+    if not all(math.isfinite(value) for value in values.values()):
+        raise InputError(
+            f"training: expected finite losses at step {run.step}, found {values}; lower the learning rate and go on "
+            "from the last checkpoint, or start anew."
+        )
     for group in run.optimiser.param_groups:
         group["lr"] = group["highest"] * learning_rate(run.step, steps)
     run.optimiser.zero_grad(set_to_none=True)
@@ -194,7 +205,7 @@ def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, floa
     torch.nn.utils.clip_grad_norm_(parameters, 5.0)
     run.optimiser.step()
     run.step += 1
-    return {name: float(value.detach()) for name, value in losses.items()}
+    return values
 
 
 def learning_rate(step: int, steps: int, warm: int = 100) -> float:

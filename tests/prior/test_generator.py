@@ -1,11 +1,16 @@
 """Decoding: blocks against all at once, resolutions against one another, bounds."""
 
+from typing import Literal
+
 import pytest
 import torch
 
 from neural_strands.prior import fast
-from neural_strands.prior.generator import StrandGenerator, between, logit_between
+from neural_strands.prior.generator import GeneratorConfig, StrandGenerator, between, logit_between
+from neural_strands.prior.synthesiser import Modulation, Output, SynthesiserConfig
 from neural_strands.prior.vae import load_prior
+
+Modulator = Literal["coupling", "mlp"]
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +65,21 @@ def test_the_root_is_at_zero_and_gradients_reach_every_latent(
 def test_no_strand_and_far_latents_decode_to_finite_strands(generator_net: StrandGenerator) -> None:
     assert generator_net(torch.zeros(0, 64)).shape == (0, 100, 3)
     assert torch.isfinite(generator_net(torch.full((2, 64), 8.0))).all()
+
+
+@pytest.mark.parametrize("output", ["gradient", "position"])
+@pytest.mark.parametrize("modulation", ["all", "amplitude"])
+@pytest.mark.parametrize("modulator", ["coupling", "mlp"])
+def test_untrained_generators_give_finite_strands(
+    output: Output, modulation: Modulation, modulator: Modulator, generator: torch.Generator
+) -> None:
+    inner = SynthesiserConfig(output=output, modulation=modulation)
+    strands = StrandGenerator(GeneratorConfig(modulator=modulator, synthesiser=inner))(
+        torch.randn(5, 64, generator=generator)
+    )
+    assert torch.isfinite(strands).all()
+    assert (strands[:, 0] == 0).all()
+    assert (strands[:, -1].norm(dim=-1) > 1e-3).all()
 
 
 def test_wrong_shapes_are_named(generator_net: StrandGenerator) -> None:

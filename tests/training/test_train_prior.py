@@ -122,6 +122,27 @@ def test_each_change_of_the_paper_preset_trains_all_weights(tmp_path: Path, chan
     assert same == ({"generator.synthesiser.warp_mix"} if amplitude else set())
 
 
+def test_a_loss_that_is_not_finite_stops_training_and_leaves_the_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "prior.safetensors"
+    measure = module.relative_loss
+    calls = iter(range(100))
+
+    def diverging(decoded, true):
+        return measure(decoded, true) * (torch.nan if next(calls) >= 2 else 1)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "relative_loss", diverging)
+        with pytest.raises(
+            InputError, match="expected finite losses at step 2, found .*'data': nan.*; lower the learn"
+        ):
+            train_prior(out, TINY, seed=1)
+    whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)
+    resumed = train_prior(out, TINY, seed=1, resume=True)
+    assert torch.equal(resumed.generator.linear.weight, whole.generator.linear.weight)
+
+
 def test_the_loss_of_the_sines_is_the_configured_one(tmp_path: Path) -> None:
     one = replace(TINY, steps=0, sine_steps=1)
     plain = train_prior(tmp_path / "a.safetensors", one)

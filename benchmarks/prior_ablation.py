@@ -1,0 +1,179 @@
+"""What each loss, start and modulation of the strand prior does: variants trained alike, and their errors side by side.
+
+    python benchmarks/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 1000]
+
+All variants see the same curves (seed) for the same steps: those of the paper's preset (names without a star) change
+one thing in it, those of our default (with a star) one thing there. DATA as in prior_quality.py; of each groom some
+strands are taken. A variant that is finished in OUT is not trained again, one that was stopped goes on. Writes
+OUT/table.txt and OUT/table.json.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import torch
+from prior_quality import sets
+from torch import Tensor
+
+from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.strands import segments
+from neural_strands.prior.curves import synthetic_curves
+from neural_strands.prior.errors import angles, reconstruction_error
+from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.synthesiser import SynthesiserConfig
+from neural_strands.prior.vae import StrandPrior
+from neural_strands.training.curve_stream import seeded
+from neural_strands.training.prior_config import PriorLossConfig, TrainPriorConfig, paper_preset
+from neural_strands.training.prior_losses import kl_divergence
+from neural_strands.training.train_prior import train_prior
+
+HELD_OUT = 1000
+"""Curves, never trained on."""
+FINE = 397
+"""Points of the held-out curves; every 4th makes the 100 that are encoded, every 12th the 34."""
+CURVATURE = 1e-2
+"""Weight of turns: 20 times the direction's, as the losses of the paper's first author's later work have it."""
+SAMPLES = 2000
+"""Samples of N(0, I)."""
+
+
+def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
+    """Every variant by name."""
+    plain = TrainPriorConfig(steps=steps, batch=128, steps_a_chunk=128)
+    amplitude = GeneratorConfig(synthesiser=SynthesiserConfig(modulation="amplitude"))
+    positions = GeneratorConfig(synthesiser=SynthesiserConfig(output="position"))
+    paper = paper_preset(plain)
+    ours = replace(plain, steps=our_steps, sine_steps=our_steps)
+    loss = PriorLossConfig
+    whitened = replace(paper, start_curves=plain.start_curves)
+    everything = loss(kind="absolute", curvature=CURVATURE, free_bits=0.25)
+    return {
+        "paper": paper,
+        "L1 points": paper_preset(replace(plain, loss=loss(kind="absolute"))),
+        "relative points": replace(paper, loss=replace(paper.loss, kind="relative")),
+        "curvature": paper_preset(replace(plain, loss=loss(curvature=CURVATURE))),
+        "free bits": paper_preset(replace(plain, loss=loss(free_bits=0.25))),
+        "whitened start": whitened,
+        "L1, curvature, free bits, whitened": replace(
+            paper_preset(replace(plain, loss=everything)), start_curves=plain.start_curves
+        ),
+        "amplitude alone": paper_preset(replace(plain, generator=amplitude)),
+        "positions": paper_preset(replace(plain, generator=positions)),
+        "default*": ours,
+        "squared (paper's data loss)*": replace(ours, loss=loss(kind="paper")),
+        "L1 points*": replace(ours, loss=loss(kind="absolute")),
+        "curvature*": replace(ours, loss=loss(curvature=CURVATURE)),
+        "sines not trained*": replace(ours, sine_steps=0),
+        "amplitude alone*": replace(ours, generator=amplitude),
+        "positions*": replace(ours, generator=positions),
+    }
+
+
+def file_name(name: str) -> str:
+    """A variant's name as a file's."""
+    return "".join(letter if letter.isalnum() else "_" for letter in name.replace("*", " ours"))
+
+
+def trained(name: str, config: TrainPriorConfig, out: Path) -> tuple[StrandPrior, float]:
+    """The prior of a variant, and the seconds that its training took (over all calls)."""
+    weights = out / f"{file_name(name)}.safetensors"
+    going_on = weights.with_suffix(".checkpoint.pt").is_file()
+    log = weights.with_suffix(".log.jsonl")
+    if not going_on:
+        log.unlink(missing_ok=True)
+    before = json.loads(log.read_text().splitlines()[-1])["seconds"] if log.is_file() else 0.0
+    start = time.perf_counter()
+    prior = train_prior(weights, config, seed=0, resume=going_on).eval().requires_grad_(False)
+    return prior, before + time.perf_counter() - start
+
+
+@torch.no_grad()
+def figures(prior: StrandPrior, data: dict[str, Tensor], held_out: Tensor) -> dict[str, object]:
+    """Errors on each set, at other numbers of points, and how samples of N(0, I) look."""
+    curves = held_out[:, ::4].contiguous()
+    latent = prior.encode(curves)
+    mean, log_std = prior.encoder(curves)
+    errors = {"held out": reconstruction_error(prior.decode(latent), curves)}
+    errors |= {
+        f"held out, {len(true[0])} points": reconstruction_error(prior.decode(latent, len(true[0])), true)
+        for true in (held_out[:, ::12], held_out)
+    }
+    for name, strands in data.items():
+        errors[name] = reconstruction_error(prior.decode(prior.encode(strands)), strands)
+    samples = prior.decode(torch.randn(SAMPLES, latent.shape[1], generator=seeded(0, 7)))
+    return {
+        "errors": {name: asdict(error) for name, error in errors.items()},
+        "kl_nats": float(kl_divergence(mean, log_std)),
+        "samples_turn_deg": turn(samples),
+        "curves_turn_deg": turn(curves),
+    }
+
+
+def turn(strands: Tensor) -> float:
+    """Mean angle from a segment to the next, degrees."""
+    steps = segments(strands)
+    return float(torch.rad2deg(angles(steps[:, :-1], steps[:, 1:])).mean())
+
+
+def table(results: dict[str, dict]) -> str:
+    """Mean point error (mm) and mean direction error (degrees) on each set, a line a variant."""
+    sets_of = list(next(iter(results.values()))["errors"])
+    names = [f"{chr(ord('A') + index)}: {name}" for index, name in enumerate(sets_of)]
+    wide = max(len(name) for name in results)
+    head = "".join(f"{chr(ord('A') + index):>15}" for index in range(len(sets_of)))
+    lines = ["mean mm / mean direction error in degrees; " + "; ".join(names)]
+    lines.append(f"{'':{wide}}{head}{'KL nats':>9}{'turn °':>8}{'s':>6}")
+    for name, result in results.items():
+        cells = "".join(f"{e['mean_mm']:9.3f} /{e['direction_deg']:4.1f}" for e in result["errors"].values())
+        lines.append(
+            f"{name:{wide}}{cells}{result['kl_nats']:9.1f}{result['samples_turn_deg']:8.2f}{result['seconds']:6.0f}"
+        )
+    turned = next(iter(results.values()))["curves_turn_deg"]
+    lines.append(f"turn: of samples of N(0, I) from segment to segment; held-out curves {turned:.2f}")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--only", nargs="*", help="names of variants; all by default")
+    parser.add_argument("--steps", type=int, default=4000, help="of the paper's preset, 128 curves each")
+    parser.add_argument("--our-steps", type=int, default=1000, help="of each stage of our default, 128 curves each")
+    parser.add_argument("--strands", type=int, default=500, help="at most, of each groom")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    chosen = variants(arguments.steps, arguments.our_steps)
+    if unknown := set(arguments.only or ()) - set(chosen):
+        parser.error(f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}")
+    data: dict[str, Tensor] = {}
+    held_out = synthetic_curves(HELD_OUT, seeded(0, 6), points=FINE)
+    results = {}
+    for name, config in chosen.items():
+        finished = arguments.out / f"{file_name(name)}.json"
+        described = json.loads(json.dumps({"config": asdict(config), "strands": arguments.strands}))
+        stored = json.loads(finished.read_text()) if finished.is_file() else None
+        if stored is None or stored["described"] != described:
+            if arguments.only and name not in arguments.only:
+                continue
+            data = data or {key: some(strands, arguments.strands) for key, strands in sets(arguments.data).items()}
+            prior, seconds = trained(name, config, arguments.out)
+            stored = {"described": described, "seconds": seconds, **figures(prior, data, held_out)}
+            with atomic_file(finished) as temporary:
+                temporary.write_text(json.dumps(stored))
+        results[name] = stored
+        (arguments.out / "table.json").write_text(json.dumps(results, indent=1))
+        (arguments.out / "table.txt").write_text(table(results))
+    print(table(results), end="")
+
+
+def some(strands: Tensor, count: int) -> Tensor:
+    """At most `count` strands, spread over all."""
+    return strands[:: -(-len(strands) // count)]
+
+
+if __name__ == "__main__":
+    main()
