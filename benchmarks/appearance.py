@@ -26,6 +26,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.shading import ShadingConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
@@ -57,8 +58,10 @@ class Arguments:
     """The strided UNet in place of the alias-free one."""
     widths: tuple[int, ...] = (16, 32, 48, 64)
     """Channels of the UNet's levels."""
-    shading: int = 32
-    """Hidden width of the point shader."""
+    shading: ShadingConfig = field(default_factory=ShadingConfig)
+    """The point shader."""
+    textures: ScalpTextureConfig = field(default_factory=lambda: ScalpTextureConfig(appearance_knots=1))
+    """The appearance texture."""
     supersample: int = 3
     """Line pixels for each image pixel, along each axis."""
     seed: int = 0
@@ -144,7 +147,8 @@ def main(arguments: Arguments) -> None:
     train = [view for index, view in enumerate(views) if index % EVERY != EVERY - 1]
     config = HairModelConfig(
         unet=UNetConfig(arguments.widths, alias_free=not arguments.plain),
-        shading=ShadingConfig(arguments.shading),
+        shading=arguments.shading,
+        textures=arguments.textures,
         supersample=arguments.supersample,
     )
     first = torch.Generator().manual_seed(arguments.seed)

@@ -23,7 +23,7 @@ from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
 from neural_strands.raster.splat import SplatMap, splat_pyramid
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
-from neural_strands.raster.visible import visible_directions, visible_points
+from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
 
 SURE = 3.0
@@ -204,7 +204,7 @@ class HairModel(nn.Module):
         if strands.root_uv is None:
             raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
         visible = visible_points(lines, strands.points)
-        appearance = self.textures.sample_appearance(strands.root_uv, blur).index_select(0, visible.strand)
+        appearance = interpolate_knots(self.textures.sample_appearance(strands.root_uv, blur), visible)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
         colour = self.shading(descriptor, torch.nn.functional.normalize(visible.world - camera.position, dim=1))

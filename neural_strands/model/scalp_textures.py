@@ -20,7 +20,9 @@ class ScalpTextureConfig:
     appearance_size: int = 512
     """Texels a side of the appearance texture Z_a."""
     appearance_channels: int = 16
-    """Numbers a texel of Z_a (D_a)."""
+    """Numbers of the appearance descriptor z_a of a point (D_a)."""
+    appearance_knots: int = 1
+    """Descriptors a texel of Z_a, evenly spaced from root to tip; points between two blend them. The paper has one."""
 
 
 class ScalpTextures(nn.Module):
@@ -30,13 +32,16 @@ class ScalpTextures(nn.Module):
         super().__init__()
         self.shape = nn.Parameter(torch.zeros(config.shape_size, config.shape_size, config.shape_channels))
         self.appearance = nn.Parameter(
-            torch.zeros(config.appearance_size, config.appearance_size, config.appearance_channels)
+            torch.zeros(
+                config.appearance_size, config.appearance_size, config.appearance_knots * config.appearance_channels
+            )
         )
+        self.knots = config.appearance_knots
 
     def sample_shape(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root latent"]:
         """Shape latents z_g of roots; `blur` (texels) spreads their gradient over neighbouring texels."""
         return sample_texture(self.shape, uv, blur)
 
-    def sample_appearance(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root feature"]:
+    def sample_appearance(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root knot feature"]:
         """Appearance features z_a of roots; `blur` (texels) spreads their gradient over neighbouring texels."""
-        return sample_texture(self.appearance, uv, blur)
+        return sample_texture(self.appearance, uv, blur).unflatten(1, (self.knots, -1))

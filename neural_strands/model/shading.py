@@ -17,12 +17,14 @@ from torch.nn import functional as F
 class ShadingConfig:
     """Size of the point shader."""
 
-    hidden: int = 32
-    """Width of its one hidden layer; 0 leaves a linear decode."""
+    hidden: int = 64
+    """Width of its hidden layers; 0 leaves a linear decode."""
+    layers: int = 2
+    """Hidden layers."""
 
 
 class PointShading(nn.Module):
-    """A linear decode of z_a plus a small network of z_a, direction, t and viewing direction."""
+    """A linear decode of z_a plus a small network of z_a, direction, t, viewing direction and the angle of the two."""
 
     def __init__(self, features: int, config: ShadingConfig, generator: torch.Generator) -> None:
         """Start from a random linear decode; the network starts at zero.
@@ -33,19 +35,25 @@ class PointShading(nn.Module):
             generator: draws the first weights.
         """
         super().__init__()
-        inputs, hidden = features + 3 + 1 + 3, config.hidden
         self.decode = nn.Parameter(torch.randn(3, features, generator=generator) / features**0.5)
         self.mean = nn.Parameter(torch.zeros(3))
-        self.inner = nn.Parameter(torch.randn(hidden, inputs, generator=generator) / inputs**0.5)
-        self.inner_bias = nn.Parameter(torch.zeros(hidden))
+        hidden = config.hidden if config.layers else 0
+        inputs = [features + 3 + 1 + 3 + 2, *([hidden] * (config.layers - 1))] if hidden else []
+        self.inner = nn.ParameterList(torch.randn(hidden, size, generator=generator) / size**0.5 for size in inputs)
+        self.biases = nn.ParameterList(torch.zeros(hidden) for _ in inputs)
         self.outer = nn.Parameter(torch.zeros(3, hidden))
 
     def forward(
         self, descriptor: Float[Tensor, "point descriptor"], view: Float[Tensor, "point 3"]
     ) -> Float[Tensor, "point 3"]:
         """Colour of points from their descriptor [z_a, d, t] and the unit direction in which they are seen."""
-        linear = F.linear(descriptor[:, : self.decode.shape[1]], self.decode, self.mean)
+        features = self.decode.shape[1]
+        colour = F.linear(descriptor[:, :features], self.decode, self.mean)
         if not len(self.inner):
-            return linear
-        hidden = F.silu(F.linear(torch.cat([descriptor, view], dim=1), self.inner, self.inner_bias))
-        return linear + F.linear(hidden, self.outer)
+            return colour
+        # Reflection off a fibre depends on the angle between fibre and ray before all else.
+        along = (descriptor[:, features : features + 3] * view).sum(dim=1, keepdim=True)
+        hidden = torch.cat([descriptor, view, along, 1 - along.square()], dim=1)
+        for weight, bias in zip(self.inner, self.biases, strict=True):
+            hidden = F.silu(F.linear(hidden, weight, bias))
+        return colour + F.linear(hidden, self.outer)

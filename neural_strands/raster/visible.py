@@ -60,6 +60,20 @@ def interpolate_visible(
     return _blend_ends(values, visible.strand * values.shape[1] + visible.vertex, visible.position)
 
 
+def interpolate_knots(
+    values: Float[Tensor, "strand knot channel"], visible: VisiblePoints
+) -> Float[Tensor, "visible channel"]:
+    """Blend values given at evenly spaced knots from root to tip at the t of the visible points."""
+    knots, flat = values.shape[1], values.flatten(0, 1)
+    if knots == 1:
+        return flat.index_select(0, visible.strand)
+    place = visible.t * (knots - 1)
+    before = place.floor().clamp(max=knots - 2)
+    start = visible.strand * knots + before.long()
+    ends = (flat.index_select(0, start), flat.index_select(0, start + 1))
+    return torch.lerp(*ends, (place - before).to(values.dtype)[:, None])
+
+
 def visible_directions(points: Float[Tensor, "strand point 3"], visible: VisiblePoints) -> Float[Tensor, "visible 3"]:
     """Interpolate the unit growth directions of the segment's two ends at each visible point.
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel, RenderOutput
 from neural_strands.training.first_colours import initialise_colours
-from neural_strands.training.observation import Observation
+from neural_strands.training.observation import Observation, random_place
 
 Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height width 3"]], Float[Tensor, ""]]
 """Distance between a rendered and a photographed image, such as LPIPS."""
@@ -140,29 +140,14 @@ def fit_appearance(
         for group, rate in zip(optimiser.param_groups, first, strict=True):
             group["lr"] = rate * factor
         order = order or torch.randperm(len(targets), generator=random).tolist()
-        target = random_crop(targets[order.pop()], config.crop, model.config.unet.stride, random)
+        whole = targets[order.pop()]
+        marked = None if whole.mask is None else whole.mask > 0.5
+        size = (whole.camera.height, whole.camera.width)
+        target = whole.cropped(random_place(marked, size, config.crop, model.config.unet.stride, random))
         judge = perceptual if progress >= config.perceptual_from else None
         yield appearance_step(model, strands, target, optimiser, config, judge)
-
-
-def random_crop(target: Observation, side: int, stride: int, random: torch.Generator) -> Observation:
-    """A square crop about a random pixel of the hair (of the image, without a mask), aligned to the UNet's levels."""
-    height, width = target.image.shape[:2]
-    inside = torch.nonzero((target.mask if target.mask is not None else torch.ones(height, width)) > 0.5)
-    row, column = height // 2, width // 2
-    if len(inside):
-        row, column = inside[int(torch.randint(len(inside), (1,), generator=random))].tolist()
-    crop_width, crop_height = min(side, width), min(side, height)
-    left = _aligned(column - crop_width // 2, width - crop_width, stride)
-    top = _aligned(row - crop_height // 2, height - crop_height, stride)
-    return target.cropped(left, top, crop_width, crop_height)
 
 
 def cosine(progress: float, final: float) -> float:
     """Half a cosine from 1 down to `final`."""
     return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * progress))
-
-
-def _aligned(start: int, last: int, stride: int) -> int:
-    """The multiple of `stride` nearest below `start` that lies in [0, last]."""
-    return max(0, min(start, last)) // stride * stride

@@ -32,7 +32,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Obs
     _surround(model, targets)
     colour, weight = strand_colours(model, strands, targets)
     seen = weight > TINY
-    if strands.root_uv is None or not seen.any() or model.textures.appearance.shape[2] < 3:
+    if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
         return
     mean = (colour * weight[:, None]).sum(dim=0) / weight.sum()
     height, width, _ = model.textures.appearance.shape
@@ -40,7 +40,8 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Obs
     with torch.no_grad():
         model.shading.mean.copy_(mean)
         model.shading.decode[:, :3] = torch.eye(3, device=mean.device)
-        model.textures.appearance[..., :3] = filled(total, share)
+        knots = model.textures.appearance.unflatten(2, (model.textures.knots, -1))
+        knots[..., :3] = filled(total, share)[:, :, None]
 
 
 @torch.no_grad()

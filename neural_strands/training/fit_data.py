@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import overload
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
@@ -14,10 +14,9 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.scalp.head import Head
-from neural_strands.training.appearance import random_crop
 from neural_strands.training.losses import OrientedTargets
-from neural_strands.training.observation import Observation
-from neural_strands.training.trimap import Trimap, TrimapConfig, make_trimap
+from neural_strands.training.observation import Observation, random_place
+from neural_strands.training.trimap import Trimap, TrimapConfig, trimap_of_part
 
 FEWEST_VIEWS = 3
 FEWEST_SEGMENT_POINTS = 500
@@ -57,12 +56,11 @@ class FitData:
         """All training views, each read when its turn comes."""
         return _Observations(self)
 
-    def trimap(self, target: Observation, config: TrimapConfig) -> Trimap:
-        """Sure hair and sure emptiness of a view, from its mask or, without one, from the rasterised segments."""
+    def marked(self, target: Observation) -> Bool[Tensor, "height width"]:
+        """Where a view shows hair: its mask or, without one, the rasterised segments."""
         if target.mask is not None:
-            return make_trimap(target.mask > 0.5, config)
-        drawn = rasterise_lines(segment_lines(self.segments), target.camera)
-        return make_trimap(drawn.segment >= 0, config)
+            return target.mask > 0.5
+        return rasterise_lines(segment_lines(self.segments), target.camera).segment >= 0
 
 
 class _Observations(Sequence[Observation]):
@@ -89,15 +87,11 @@ class _Observations(Sequence[Observation]):
 def random_region(
     data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
 ) -> tuple[Observation, Trimap]:
-    """A random square of a training view with its trimap; centred on hair, or anywhere where no hair is marked."""
+    """A random square of a training view about hair, with its trimap."""
     whole = data.observation(view)
-    marked = data.trimap(whole, trimap)
-    # The crop carries the trimap in the mask's place: -1 where nothing is known.
-    coded = torch.where(marked.supervised, marked.alpha, -1.0)
-    part = random_crop(Observation(whole.camera, whole.image, coded), side, stride, random)
-    if part.mask is None:
-        raise ValueError("a crop lost its trimap")
-    return part, Trimap(part.mask.clamp(min=0.0), part.mask >= 0)
+    marked = data.marked(whole)
+    place = random_place(marked, (whole.camera.height, whole.camera.width), side, stride, random)
+    return whole.cropped(place), trimap_of_part(marked, place, trimap)
 
 
 def segment_lines(segments: LineSegments) -> Float[Tensor, "line 2 3"]:

@@ -2,11 +2,26 @@
 
 from dataclasses import dataclass
 
-from jaxtyping import Float
+import torch
+from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.model.hair_model import Drawing
+
+
+@dataclass(frozen=True)
+class Place:
+    """A rectangle of pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def of(self, image: Shaped[Tensor, "height width *channels"]) -> Shaped[Tensor, "rows columns *channels"]:
+        """That part of an image."""
+        return image[self.top : self.top + self.height, self.left : self.left + self.width]
 
 
 @dataclass(frozen=True)
@@ -25,12 +40,43 @@ class Observation:
     mask: Float[Tensor, "height width"] | None = None
     drawing: Drawing | None = None
 
-    def cropped(self, left: int, top: int, width: int, height: int) -> "Observation":
+    def cropped(self, place: Place) -> "Observation":
         """Part of the photograph, with the camera that sees just that."""
-        part = (slice(top, top + height), slice(left, left + width))
-        mask = None if self.mask is None else self.mask[part]
+        left, top, width, height = place.left, place.top, place.width, place.height
         drawing = self.drawing
         if drawing is not None:
             factor = drawing.lines.depth.shape[0] // self.camera.height
             drawing = drawing.cropped(left * factor, top * factor, width * factor, height * factor)
-        return Observation(self.camera.cropped(left, top, width, height), self.image[part], mask, drawing)
+        mask = None if self.mask is None else place.of(self.mask)
+        return Observation(self.camera.cropped(left, top, width, height), place.of(self.image), mask, drawing)
+
+
+def random_place(
+    marked: Bool[Tensor, "height width"] | None, size: tuple[int, int], side: int, stride: int, random: torch.Generator
+) -> Place:
+    """A square about a random marked pixel, aligned to the image generator's levels.
+
+    Args:
+        marked: where the middle may lie, by default anywhere; the middle of the image where nothing is marked.
+        size: height and width of the image.
+        side: of the square, pixels; an image no larger is taken whole.
+        stride: pixels that the corner is a multiple of.
+        random: draws the pixel.
+    """
+    height, width = size
+    row, column = height // 2, width // 2
+    if marked is None:
+        row, column = (int(torch.randint(length, (1,), generator=random)) for length in size)
+    else:
+        inside = marked.flatten().nonzero().squeeze(1)
+        if len(inside):
+            row, column = divmod(int(inside[int(torch.randint(len(inside), (1,), generator=random))]), width)
+    across, down = min(side, width), min(side, height)
+    left = _aligned(column - across // 2, width - across, stride)
+    top = _aligned(row - down // 2, height - down, stride)
+    return Place(left, top, across, down)
+
+
+def _aligned(start: int, last: int, stride: int) -> int:
+    """The multiple of `stride` nearest below `start` that lies in [0, last]."""
+    return max(0, min(start, last)) // stride * stride

@@ -7,6 +7,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from neural_strands.training.observation import Place
+
 
 @dataclass(frozen=True)
 class TrimapConfig:
@@ -33,12 +35,23 @@ class Trimap:
 
 def make_trimap(lines: Bool[Tensor, "height width"], config: TrimapConfig | None = None) -> Trimap:
     """Dilate the rasterised line segments, then erode: outside the first is empty, inside the second opaque."""
+    height, width = lines.shape
+    return trimap_of_part(lines, Place(0, 0, width, height), config)
+
+
+def trimap_of_part(lines: Bool[Tensor, "height width"], place: Place, config: TrimapConfig | None = None) -> Trimap:
+    """What `make_trimap` says of a part of the image, from that part and as much around it as discs reach."""
     config = config or TrimapConfig()
     diagonal = (lines.shape[0] ** 2 + lines.shape[1] ** 2) ** 0.5
     grow, shrink = round(config.dilation * diagonal), round(config.erosion * diagonal)
+    first, second = max(grow // 2, 1), grow // 2 + shrink
+    around = max(grow, first + second)
+    top, left = max(place.top - around, 0), max(place.left - around, 0)
+    lines = lines[top : place.top + place.height + around, left : place.left + place.width + around]
     covered = dilate(lines, grow)
-    interior = ~dilate(~dilate(lines, max(grow // 2, 1)), grow // 2 + shrink)
-    return Trimap(interior.to(torch.float32), interior | ~covered)
+    interior = ~dilate(~dilate(lines, first), second)
+    part = Place(place.left - left, place.top - top, place.width, place.height).of
+    return Trimap(part(interior).to(torch.float32), part(interior | ~covered))
 
 
 def dilate(mask: Bool[Tensor, "height width"], radius: int) -> Bool[Tensor, "height width"]:

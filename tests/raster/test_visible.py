@@ -1,3 +1,6 @@
+from dataclasses import replace
+
+import numpy as np
 import pytest
 import torch
 
@@ -5,7 +8,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import directions
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.splat import splat, splat_pyramid
-from neural_strands.raster.visible import interpolate_visible, visible_directions, visible_points
+from neural_strands.raster.visible import interpolate_knots, interpolate_visible, visible_directions, visible_points
 
 SIZE = (48, 40)
 
@@ -45,6 +48,21 @@ def test_directions_of_visible_points_are_those_of_their_strands(generator, came
     visible = visible_points(rasterise_lines(points, camera), points)
     expected = interpolate_visible(directions(points), visible)
     torch.testing.assert_close(visible_directions(points, visible), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("knots", [1, 2, 5])
+def test_knots_blend_along_the_strand(generator, camera, knots):
+    points = wavy(generator)
+    visible = visible_points(rasterise_lines(points, camera), points)
+    values = torch.randn(len(points), knots, 3, generator=generator)
+    found = interpolate_knots(values, visible)
+    for k in range(0, len(visible), 29):
+        row = values[int(visible.strand[k])].numpy()
+        t, at = float(visible.t[k]), np.linspace(0, 1, knots)
+        expected = [np.interp(t, at, row[:, channel]) for channel in range(3)]
+        assert found[k].tolist() == pytest.approx(expected, abs=1e-5)
+    ends = replace(visible, t=torch.ones_like(visible.t))
+    torch.testing.assert_close(interpolate_knots(values, ends), values[visible.strand, -1])
 
 
 def test_hidden_points_get_no_gradient(generator, camera):

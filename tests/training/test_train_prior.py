@@ -135,7 +135,7 @@ def test_a_loss_that_is_not_finite_stops_training_and_leaves_the_checkpoint(
     with monkeypatch.context() as patch:
         patch.setattr(module, "relative_loss", diverging)
         with pytest.raises(
-            InputError, match="expected finite losses at step 2, found .*'data': nan.*; lower the learn"
+            InputError, match=r"expected finite losses at step 2, found .*'data': nan.*; lower the learn"
         ):
             train_prior(out, TINY, seed=1)
     whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)

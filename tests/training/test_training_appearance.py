@@ -15,9 +15,9 @@ from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
-from neural_strands.training.appearance import AppearanceConfig, cosine, fit_appearance, random_crop
+from neural_strands.training.appearance import AppearanceConfig, cosine, fit_appearance
 from neural_strands.training.first_colours import filled, initialise_colours, spread, strand_colours
-from neural_strands.training.observation import Observation
+from neural_strands.training.observation import Observation, Place, random_place
 
 STRANDS = 80
 
@@ -57,7 +57,7 @@ def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Te
 def test_a_crop_keeps_its_drawing(scene):
     model, strands, (camera, _) = scene
     whole = Observation(camera, torch.zeros(48, 64, 3), torch.zeros(48, 64), model.draw(strands, camera))
-    part = whole.cropped(8, 4, 32, 24)
+    part = whole.cropped(Place(8, 4, 32, 24))
     fresh = model.draw(strands, part.camera)
     assert part.drawing is not None
     assert (part.drawing.lines.segment == fresh.lines.segment).float().mean() > 0.99
@@ -74,7 +74,7 @@ def test_crops_are_aligned_and_about_the_hair(generator):
     camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 100.0, (120, 100))
     whole = Observation(camera, torch.rand(100, 120, 3, generator=generator), mask)
     for _ in range(5):
-        part = random_crop(whole, 48, 8, generator)
+        part = whole.cropped(random_place(mask > 0.5, (100, 120), 48, 8, generator))
         assert part.image.shape == (48, 48, 3)
         assert part.mask.sum() == 20
         left, top = (whole.camera.intrinsics - part.camera.intrinsics)[:2, 2].tolist()
@@ -110,7 +110,7 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     initialise_colours(model, strands, targets)
     torch.testing.assert_close(model.body.colour.detach(), torch.ones(4, 3))
     torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
-    stored = model.textures.sample_appearance(strands.root_uv)[:, :3].detach() + model.shading.mean.detach()
+    stored = model.textures.sample_appearance(strands.root_uv)[:, 0, :3].detach() + model.shading.mean.detach()
     assert (stored - found)[seen].abs().mean() < 0.05
 
 

@@ -1,8 +1,10 @@
 """Trimaps of discs: their borders are where the radii say."""
 
+import pytest
 import torch
 
-from neural_strands.training.trimap import TrimapConfig, dilate, make_trimap
+from neural_strands.training.observation import Place
+from neural_strands.training.trimap import TrimapConfig, dilate, make_trimap, trimap_of_part
 
 
 def disc(radius, side=101):
@@ -34,3 +36,12 @@ def test_holes_between_lines_close():
     lines[20:80, 20:80:3] = True
     trimap = make_trimap(lines, TrimapConfig(dilation=0.03, erosion=0.03))
     assert (trimap.alpha[40:60, 40:60] == 1).all()
+
+
+@pytest.mark.parametrize("place", [Place(0, 0, 30, 40), Place(33, 20, 48, 16), Place(61, 70, 40, 31)])
+def test_a_part_is_what_the_whole_says_there(generator, place):
+    lines = (torch.rand(101, 101, generator=generator) > 0.97) & disc(40)
+    config = TrimapConfig(dilation=0.02, erosion=0.01)
+    whole, part = make_trimap(lines, config), trimap_of_part(lines, place, config)
+    assert torch.equal(part.alpha, place.of(whole.alpha))
+    assert torch.equal(part.supervised, place.of(whole.supervised))
