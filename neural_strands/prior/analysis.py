@@ -13,7 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.strands import lengths, segments
-from neural_strands.prior.generator import LARGEST_GAIN, LONGEST, SHORTEST, Raw, StrandGenerator, logit_between
+from neural_strands.prior.bounds import logit_between, raw_from_length
+from neural_strands.prior.generator import LARGEST_GAIN, Raw, StrandGenerator
 from neural_strands.prior.heading import heading_from_smooth
 from neural_strands.prior.synthesiser import Synthesiser, times
 
@@ -141,7 +142,7 @@ def analyse(generator: StrandGenerator, points: Float[Tensor, "strand point 3"],
     frequency, warp, unit, smooth = (torch.cat(parts) for parts in zip(*solved, strict=True))
     share = (unit.square().mean(dim=(1, 2)).sqrt() / LARGEST_GAIN).clamp(SMALLEST_SHARE, LARGEST_SHARE)
     return Raw(
-        logit_between(length, SHORTEST, LONGEST),
+        raw_from_length(length),
         torch.logit(share),
         logit_between(frequency, *problem.bounds),
         warp,

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.analysis import analyse
-from neural_strands.prior.generator import LONGEST, SHORTEST, StrandGenerator, logit_between
+from neural_strands.prior.bounds import LONGEST, SHORTEST, logit_between
+from neural_strands.prior.generator import StrandGenerator
 
 
 @dataclass(frozen=True)

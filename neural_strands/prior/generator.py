@@ -11,13 +11,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from neural_strands.prior.bounds import between, length_from_raw
 from neural_strands.prior.fast import in_blocks
 from neural_strands.prior.heading import smooth_from_heading
 from neural_strands.prior.modulator import CouplingModulator, MlpModulator
 from neural_strands.prior.synthesiser import Modulations, Synthesiser, SynthesiserConfig
 
-SHORTEST, LONGEST = 0.003, 2.0
-"""Strand lengths (metres) that the generator reaches; training covers 0.01 to 0.60."""
 LARGEST_GAIN = 1.0
 """Bound of the root mean square of the second layer's amplitudes, in strand lengths."""
 
@@ -43,7 +42,7 @@ class Raw:
     """What the modulator gives: unbounded numbers.
 
     Attributes:
-        length: logit of the logarithm of the length between its bounds.
+        length: see `bounds.length_from_raw`: about the logit of its logarithm between its bounds.
         gain: logit of the second layer's amplitude.
         frequency: logit of the logarithm of the curl's frequency between its bounds.
         warp: chirp of the curl, radians.
@@ -132,7 +131,7 @@ class StrandGenerator(nn.Module):
             warp = torch.zeros_like(raw.warp)
         gain = LARGEST_GAIN * raw.gain.sigmoid()
         return Modulations(
-            between(raw.length, SHORTEST, LONGEST),
+            length_from_raw(raw.length),
             smooth_from_heading(raw.smooth, layer.reach()) @ layer.smooth_mix,
             gain[:, None, None] * raw.unit,
             frequency,
@@ -154,14 +153,3 @@ class StrandGenerator(nn.Module):
             raise ValueError(f"latent must be (strand, {self.config.latent}), got {tuple(latent.shape)}")
         if points < 2:
             raise ValueError(f"a strand needs at least two points, got {points}")
-
-
-def between(logit: Float[Tensor, " strand"], low: float, high: float) -> Float[Tensor, " strand"]:
-    """Squash a logit to a positive quantity between two bounds, even in its logarithm."""
-    return low * (high / low) ** logit.sigmoid()
-
-
-def logit_between(value: Float[Tensor, " strand"], low: float, high: float) -> Float[Tensor, " strand"]:
-    """Inverse of `between`; values outside are taken at the bound."""
-    share = (value / low).log() / torch.full_like(value, high / low).log()
-    return torch.logit(share, eps=1e-4)

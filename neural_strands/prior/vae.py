@@ -15,8 +15,9 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths
+from neural_strands.prior.bounds import LONGEST, SHORTEST
 from neural_strands.prior.encoder import EncoderConfig, StrandEncoder
-from neural_strands.prior.generator import LONGEST, SHORTEST, GeneratorConfig, StrandGenerator
+from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.prior.synthesiser import SynthesiserConfig
 
 SHIPPED = Path(__file__).parent / "weights" / "strand_prior.safetensors"
@@ -60,7 +61,8 @@ class StrandPrior(nn.Module):
     def encode(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
         """Mean latents of strands in local metres; they are moved to the root and resampled where need be.
 
-        Strands longer than in training (0.6 m) are encoded at their own scale, up to `LONGEST`.
+        Strands longer than in training (0.6 m) are encoded at their own scale, up to `LONGEST`, far out in the latent
+        space: samples of N(0, I) hardly reach a metre.
 
         Raises:
             InputError: a strand of fewer than two points, not finite, of no length, or too long or short.

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from neural_strands.prior import fast
-from neural_strands.prior.generator import GeneratorConfig, StrandGenerator, between, logit_between
+from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.prior.synthesiser import Modulation, Output, SynthesiserConfig
 from neural_strands.prior.vae import load_prior
 
@@ -93,13 +93,6 @@ def test_latent_inverts_raw(generator_net: StrandGenerator, generator: torch.Gen
     latent = torch.randn(20, 64, generator=generator)
     back, _ = generator_net.latent(generator_net.raw(latent).flat())
     torch.testing.assert_close(back, latent, atol=2e-3, rtol=0)
-
-
-def test_between_and_its_inverse() -> None:
-    value = torch.tensor([0.01, 0.1, 0.6])
-    torch.testing.assert_close(between(logit_between(value, 0.003, 2.0), 0.003, 2.0), value)
-    # Half way is the geometric mean.
-    torch.testing.assert_close(between(torch.zeros(1), 0.01, 1.0), torch.tensor([0.1]))
 
 
 @pytest.mark.gpu
