@@ -30,9 +30,10 @@ class PriorReport:
     """
 
     grooms: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Groom files."""
+    """Grooms, captures' folders or their ground_truth.npz; strands not finite or shorter than 3 mm are left out."""
     head: tuple[Path, ...] = ()
-    """Head of each groom, in its frame and metres; without any, the mannequin is fitted to the roots."""
+    """Head of each groom, in its frame and metres; without any, a capture's own, or the mannequin fitted to the
+    roots."""
     weights: Path | None = None
     """Weights of the prior; those shipped with the package by default."""
     picture: Path | None = None
@@ -72,13 +73,13 @@ class PriorReport:
         curves = torch.cat([synthetic_curves(part, generator) for part in parts]).to(device)
         pca = StrandPca.fit(curves, prior.generator.config.latent)
         report, panels, labels = {}, [], []
-        for path, strands in zip(self.grooms, read, strict=True):
+        for name, strands in zip(_names(self.grooms), read, strict=True):
             errors = self._errors(prior, pca, strands)
-            report[path.name] = {name: asdict(error) for name, error in errors.items()}
+            report[name] = {kind: asdict(error) for kind, error in errors.items()}
             panels.append(_panels(prior, strands))
-            labels.append(path.stem)
+            labels.append(name)
             if not self.json:
-                sys.stdout.write(_table(path, errors))
+                sys.stdout.write(_table(name, errors))
         if self.picture is not None:
             from neural_strands.prior.pictures import draw_panels
 
@@ -106,6 +107,12 @@ class PriorReport:
         return errors
 
 
+def _names(paths: tuple[Path, ...]) -> list[str]:
+    """Names of files or folders; whole paths where names alone are not told apart."""
+    names = [path.resolve().name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
 def _panels(prior: "StrandPrior", strands: "Tensor") -> "list[Panel]":
     """The two worst, three about the median and the two best strands, true and decoded."""
     from neural_strands.prior.errors import strand_errors
@@ -119,7 +126,7 @@ def _panels(prior: "StrandPrior", strands: "Tensor") -> "list[Panel]":
     return [Panel((strands[i], decoded[i]), f"{float(error[i]):.3f} mm") for i in chosen]
 
 
-def _table(path: Path, errors: "dict[str, ReconstructionError]") -> str:
+def _table(title: str, errors: "dict[str, ReconstructionError]") -> str:
     """Rows of figures for the terminal."""
     titles = f"{'strands':>9}{'mean mm':>9}{'median':>8}{'p95':>8}{'dir °':>8}{'len %':>8}{'curv 1/m':>10}"
     rows = [
@@ -127,4 +134,4 @@ def _table(path: Path, errors: "dict[str, ReconstructionError]") -> str:
         f"{e.length_percent:8.3f}{e.curvature_per_m:10.2f}\n"
         for name, e in errors.items()
     ]
-    return f"{path.name}\n{'':12}{titles}\n" + "".join(rows)
+    return f"{title}\n{'':12}{titles}\n" + "".join(rows)

@@ -31,9 +31,10 @@ class TrainPrior:
     resume: bool = False
     """Go on from the checkpoint beside OUT."""
     groom: tuple[Path, ...] = ()
-    """Grooms whose strands are added to the curves."""
+    """Grooms, or captures with true strands, whose strands are added to the curves."""
     head: tuple[Path, ...] = ()
-    """Head of each groom, in its frame and metres; without any, the mannequin is fitted to the roots."""
+    """Head of each groom, in its frame and metres; without any, a capture's own, or the mannequin fitted to the
+    roots."""
     seed: int = 0
     """Of all random numbers."""
     device: DeviceName = "auto"

@@ -30,7 +30,7 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     """
     if path.is_dir():
         path = path / "ground_truth.npz"
-    names = _arrays_of(path)
+    names = array_names(path)
     if "strands" in names:
         sampled = sample_strands(read_ground_truth(path).points, step)
     elif "segment_id" in names:
@@ -49,7 +49,7 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     return sampled
 
 
-def _arrays_of(path: Path) -> set[str]:
+def array_names(path: Path) -> set[str]:
     """Names of the arrays of an npz; none for any other file."""
     if path.suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
         return set()

@@ -6,8 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.capture.head_files import read_ground_truth
+from neural_strands.evaluation.score_files import array_names
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.frames import to_local
+from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
 from neural_strands.scalp.fit_similarity import fit_similarity
@@ -22,16 +25,25 @@ SHORTEST = 0.003
 def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Tensor, "strand {points} 3"]:
     """Read a groom and express each strand in its root's frame on the head, metres, the root at 0.
 
+    Strands that are not finite, or shorter than `SHORTEST`, are left out.
+
     Args:
-        groom: any file that `read_groom` takes.
-        head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without one the mannequin is
-            fitted to the roots by a similarity, which also gives the groom's unit and axes.
+        groom: any file that `read_groom` takes; a capture's folder or its ground_truth.npz.
+        head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without one a capture's own
+            head.obj is taken, or the mannequin fitted to the roots by a similarity, which also gives the unit and axes.
         points: wanted a strand.
 
     Raises:
         InputError: the groom or the head cannot be read, or no strand is usable.
     """
-    strands = read_groom(groom).strands(points).points
+    truth = groom / "ground_truth.npz" if groom.is_dir() else groom
+    captured = "strands" in array_names(truth)
+    if captured:
+        strands = resample_strands(read_ground_truth(truth).points, points)
+        own_head = truth.parent / "head.obj"
+        head = own_head if head is None and own_head.is_file() else head
+    else:
+        strands = read_groom(truth).strands(points).points
     if len(strands) == 0:
         raise InputError(f"{groom}: expected strands, found none; give another file.")
     if head is None:
@@ -42,7 +54,7 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
         strands = back.apply(strands)
     else:
         beside = head.parent / "scalp_faces.json"
-        template = load_head(head, beside if beside.is_file() else None)
+        template = load_head(head, beside if beside.is_file() else None, scale=1.0)
     local = to_local(strands, strands[:, 0], attach_roots(template, strands[:, 0]).frame)
     kept = torch.isfinite(local).flatten(1).all(dim=1) & (lengths(local) >= SHORTEST)
     if not kept.any():
