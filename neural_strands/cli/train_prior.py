@@ -1,6 +1,7 @@
 """`neural-strands train-prior`: train the strand generator and its encoder."""
 
 import json
+import math
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,6 +57,8 @@ class TrainPrior:
             raise InputError(f"--head: expected one a groom ({len(self.groom)}), got {len(self.head)}.")
         if self.out.suffix != ".safetensors":
             raise InputError(f"{self.out}: expected a name that ends in .safetensors; give such a name.")
+        if self.minutes is not None and not 0 <= self.minutes < math.inf:
+            raise InputError(f"--minutes: expected a number of at least 0, got {self.minutes:g}.")
         config = paper_preset(self.config) if self.preset == "paper" else self.config
         heads = self.head or (None,) * len(self.groom)
         own = [local_strands(groom, head) for groom, head in zip(self.groom, heads, strict=True)]

@@ -64,6 +64,11 @@ class Raw:
         return torch.cat([head, self.warp, self.unit.flatten(1), self.smooth.flatten(1)], dim=1)
 
 
+def raw_size(config: SynthesiserConfig) -> int:
+    """How many raw quantities a strand has."""
+    return 3 + config.warps + 3 * config.units + 3 * config.smooth
+
+
 class StrandGenerator(nn.Module):
     """Decodes latents into strands in their roots' frames (metres, the root at 0)."""
 
@@ -71,10 +76,9 @@ class StrandGenerator(nn.Module):
         super().__init__()
         self.config = config or GeneratorConfig()
         inner = self.config.synthesiser
-        raw_size = 3 + inner.warps + 3 * inner.units + 3 * inner.smooth
         build = CouplingModulator if self.config.modulator == "coupling" else MlpModulator
         self.modulator = build(self.config.latent, self.config.hidden, self.config.layers)
-        self.linear = nn.Linear(self.config.latent, raw_size)
+        self.linear = nn.Linear(self.config.latent, raw_size(inner))
         self.synthesiser = Synthesiser(inner)
 
     def forward(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:

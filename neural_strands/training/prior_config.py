@@ -1,12 +1,18 @@
 """What the training of the strand prior is told: sizes, losses, steps; and the paper's settings."""
 
+import math
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal
 
+from neural_strands.foundation.errors import InputError
+from neural_strands.prior.bounds import LONGEST, SHORTEST
 from neural_strands.prior.curves import CurveConfig
 from neural_strands.prior.encoder import EncoderConfig
-from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.generator import GeneratorConfig, raw_size
 from neural_strands.prior.synthesiser import SynthesiserConfig
+
+POINTS = 100
+"""Points of the curves that training draws."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,98 @@ class TrainPriorConfig:
     """The decoder."""
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     """The encoder."""
+
+
+LEAST: dict[str, float] = {
+    "steps": 0,
+    "sine_steps": 0,
+    "start_curves": 0,
+    "batch": 2,
+    "steps_a_chunk": 1,
+    "checkpoint_seconds": 0,
+    "loss.direction": 0,
+    "loss.curvature": 0,
+    "loss.kl": 0,
+    "loss.free_bits": 0,
+    "generator.latent": 1,
+    "generator.hidden": 1,
+    "generator.layers": 0,
+    "generator.synthesiser.smooth": 1,
+    "generator.synthesiser.sidebands": 1,
+    "generator.synthesiser.warps": 1,
+    "encoder.hidden": 1,
+    "encoder.refine": 0,
+}
+"""Smallest values of what has no other bound."""
+
+
+def check_config(config: TrainPriorConfig) -> None:
+    """Refuse what cannot be trained.
+
+    Raises:
+        InputError: one sentence that names the first such option.
+    """
+    for name, least in LEAST.items():
+        value = _named(config, name)
+        _expect(math.isfinite(value) and value >= least, name, f"at least {least:g}", value)
+    for name in ("learning_rate", "sine_learning_rate"):
+        value = _named(config, name)
+        _expect(0 < value < math.inf, name, "a positive number", value)
+    for name in ("own_share", "curves.smooth", "curves.wavy"):
+        value = _named(config, name)
+        _expect(0 <= value <= 1, name, "a share from 0 to 1", value)
+    curves, generator, inner = config.curves, config.generator, config.generator.synthesiser
+    low, high = curves.shortest, curves.longest
+    _expect(SHORTEST <= low < LONGEST, "curves.shortest", f"{SHORTEST:g} to {LONGEST:g} metres", low)
+    _expect(low < high <= LONGEST, "curves.longest", f"more than curves.shortest and at most {LONGEST:g} metres", high)
+    _expect(curves.most_turns > 0, "curves.most_turns", "a positive number", curves.most_turns)
+    _expect(
+        max(inner.smooth, inner.warps) <= inner.carriers,
+        "generator.synthesiser.carriers",
+        "at least as many as smooth and warps",
+        inner.carriers,
+    )
+    _expect(
+        0 < inner.slowest < inner.fastest < math.inf,
+        "generator.synthesiser.slowest",
+        "a positive number below fastest",
+        inner.slowest,
+    )
+    _expect(config.encoder.points == POINTS, "encoder.points", f"{POINTS}, as the curves have", config.encoder.points)
+    deepest = int(math.log2(POINTS - 1))
+    widths = config.encoder.widths
+    _expect(
+        0 < len(widths) <= deepest and min(widths) > 0, "encoder.widths", f"1 to {deepest} positive numbers", widths
+    )
+    coupling = generator.modulator == "coupling"
+    _expect(not coupling or generator.latent % 2 == 0, "generator.latent", "an even number", generator.latent)
+    _expect(coupling or not config.encoder.analysis, "encoder.analysis", "False for a modulator without inverse", True)
+    raw = raw_size(inner)
+    closed = config.start_curves > 0 or config.encoder.analysis
+    _expect(
+        not closed or generator.latent == raw,
+        "generator.latent",
+        f"{raw}, for a start or encoder in closed form",
+        generator.latent,
+    )
+    _expect(
+        config.start_curves == 0 or config.start_curves > raw,
+        "start_curves",
+        f"0 or more than {raw}",
+        config.start_curves,
+    )
+
+
+def _expect(fine: bool, name: str, expected: str, found: object) -> None:
+    if not fine:
+        raise InputError(f"--config.{name.replace('_', '-')}: expected {expected}, found {found}.")
+
+
+def _named(config: Any, name: str) -> int | float:
+    """The value of a dotted name."""
+    for part in name.split("."):
+        config = getattr(config, part)
+    return config
 
 
 def paper_preset(given: TrainPriorConfig) -> TrainPriorConfig:

@@ -27,7 +27,7 @@ from neural_strands.prior.curves import CurveConfig, synthetic_curves
 from neural_strands.prior.vae import StrandPrior, save_prior
 from neural_strands.prior.whiten import start_from_curves, white_from_curves
 from neural_strands.training.curve_stream import CurveStream, seeded
-from neural_strands.training.prior_config import PriorLossConfig, TrainPriorConfig
+from neural_strands.training.prior_config import PriorLossConfig, TrainPriorConfig, check_config
 from neural_strands.training.prior_losses import (
     absolute_loss,
     gaussian_likelihood,
@@ -77,8 +77,10 @@ def train_prior(
         notes: how the weights are made, kept in the file.
 
     Raises:
-        InputError: nothing to resume, or a checkpoint of another configuration or seed.
+        InputError: a configuration that cannot be trained, nothing to resume, a checkpoint of another configuration or
+            seed, or losses that are not finite.
     """
+    check_config(config)
     began = time.monotonic()
     described = json.dumps({"config": asdict(config), "seed": seed}, sort_keys=True)
     weights = seeded(seed, 2)
