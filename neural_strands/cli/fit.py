@@ -36,6 +36,8 @@ class Fit:
     """Strands in the result, instead of the preset's."""
     minutes: float | None = None
     """Take as many steps as fit into this many minutes, instead of the preset's; measured at the start."""
+    prior: Path | None = None
+    """Weights of a strand prior (`neural-strands train-prior`), instead of those that come with the package."""
     resume: bool = False
     """Go on with the run in OUT."""
     seed: int = 0
@@ -54,7 +56,7 @@ class Fit:
                 raise InputError(f"--{name}: expected more than 0, came {value:g}.")
         config = replace(preset(self.preset), seed=self.seed)
         config = replace(config, steps=self.steps or config.steps, strands=self.strands or config.strands)
-        request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes)
+        request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior)
         state = run_fit(request, config, pick_device(self.device), say, track)
         sys.stdout.write(f"{len(state.drawn)} strands after {state.step} steps: {self.out / 'groom.usd'}\n")
 

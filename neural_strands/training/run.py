@@ -13,7 +13,7 @@ from neural_strands.evaluation.lpips import find_lpips
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.foundation.errors import InputError
 from neural_strands.lmvs.files import load_segments, save_segments
-from neural_strands.prior.vae import load_prior
+from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
 from neural_strands.training.appearance import Perceptual
@@ -30,6 +30,7 @@ from neural_strands.training.run_folder import (
     check_same,
     fingerprint,
     read_description,
+    weights_digest,
     write_description,
 )
 from neural_strands.training.segments import find_segments
@@ -50,6 +51,7 @@ class FitRequest:
         segments: line segments of the training views, if they are already there.
         resume: go on with the run in `out`.
         minutes: take as many steps as fit into this many minutes, if set.
+        prior: weights of a strand prior, instead of those that come with the package.
     """
 
     capture: Path
@@ -58,6 +60,7 @@ class FitRequest:
     segments: Path | None = None
     resume: bool = False
     minutes: float | None = None
+    prior: Path | None = None
 
 
 class RunLog:
@@ -109,7 +112,7 @@ def run_fit(
     going_on = folder.description.is_file()
     if going_on and not request.resume:
         raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
-    prior, perceptual = load_prior(device=device).without_modulator(), perceptual_loss(device, say)
+    prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, say)
     if not going_on:
         cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
         if request.minutes is not None:
@@ -118,7 +121,9 @@ def run_fit(
         say(cost.sentence())
     elif request.minutes is not None:
         config = replace(config, steps=read_description(folder).config.steps)
-    described = RunDescription(str(request.capture), str(request.head or ""), fingerprint(capture), config)
+    described = RunDescription(
+        str(request.capture), str(request.head or ""), fingerprint(capture), config, weights_digest(prior)
+    )
     if going_on:
         check_same(folder, described)
     if workers.leads:
@@ -127,7 +132,7 @@ def run_fit(
     workers.wait()
     segments = load_segments(folder.segments)
     data = prepare(capture, head, segments, config, device)
-    say(f"{len(segments)} segment points; tracing first strands")
+    say(f"{len(segments)} segment points" + ("; tracing first strands" if config.initialise == "flow" else ""))
     state = begin(data, prior, config)
     if going_on and folder.checkpoint.is_file():
         load_checkpoint(state, folder.checkpoint)
@@ -157,6 +162,16 @@ def find_head(capture: Capture, given: Path | None) -> Head:
         )
     faces = capture.folder / "scalp_faces.json"
     return load_head(capture.head_path, faces if faces.is_file() else None, scale=1.0)
+
+
+def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
+    """The prior as a fit uses it: those weights, or the package's own; without its coupling layers, if it has any.
+
+    Raises:
+        InputError: no such file, or no strand prior in it.
+    """
+    prior = load_prior(path, device)
+    return prior.without_modulator() if prior.generator.config.modulator == "coupling" else prior
 
 
 def perceptual_loss(device: torch.device, say: Callable[[str], None]) -> Perceptual:

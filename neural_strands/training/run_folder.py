@@ -11,6 +11,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.model.files import from_plain
+from neural_strands.prior.vae import StrandPrior
 from neural_strands.training.fit_config import FitConfig
 
 FORMAT = 1
@@ -81,12 +82,14 @@ class RunDescription:
         head: head file that was given, or empty.
         fingerprint: digest of the capture's calibration and image sizes in bytes.
         config: resolved settings.
+        prior: digest of the strand generator's weights, which no checkpoint holds.
     """
 
     capture: str
     head: str
     fingerprint: str
     config: FitConfig
+    prior: str
 
 
 def write_description(folder: RunFolder, description: RunDescription) -> None:
@@ -112,7 +115,7 @@ def read_description(folder: RunFolder) -> RunDescription:
     try:
         plain = json.loads(path.read_text(encoding="utf-8"))
         config = from_plain(FitConfig, plain["config"])
-        return RunDescription(plain["capture"], plain["head"], plain["fingerprint"], config)
+        return RunDescription(plain["capture"], plain["head"], plain["fingerprint"], config, plain.get("prior", ""))
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: expected the description of a fit, came something else ({error}).") from error
 
@@ -129,6 +132,11 @@ def check_same(folder: RunFolder, wanted: RunDescription) -> None:
             f"{folder.path}: the capture {wanted.capture} has changed since this run began (cameras or images); "
             "restore it, or fit into a new folder."
         )
+    if stored.prior != wanted.prior:
+        raise InputError(
+            f"{folder.path}: this run began with other weights of the strand prior; "
+            "give those with --prior, or fit into a new folder."
+        )
     if stored.config != wanted.config:
         ours, theirs = dataclasses.asdict(wanted.config), dataclasses.asdict(stored.config)
         name = next(name for name in ours if ours[name] != theirs[name])
@@ -136,6 +144,15 @@ def check_same(folder: RunFolder, wanted: RunDescription) -> None:
             f"{folder.path}: this run began with {name} = {theirs[name]}, came {ours[name]}; "
             "give the settings it began with, or fit into a new folder."
         )
+
+
+def weights_digest(prior: StrandPrior) -> str:
+    """Digest of the strand generator's weights."""
+    digest = hashlib.sha256()
+    for name, value in sorted(prior.generator.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def fingerprint(capture: Capture) -> str:

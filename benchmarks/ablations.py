@@ -1,0 +1,232 @@
+"""What each part of the fit does: variants with one thing changed, on one capture, side by side.
+
+    python benchmarks/ablations.py CAPTURE OUT [--only NAME ...] [--steps 300] [--positions-prior FILE]
+
+All variants share line segments (made once, kept in OUT), seed and number of steps. A variant that is finished in OUT
+is not run again, one that was stopped goes on from its checkpoint. Writes OUT/table.txt, OUT/table.json and
+OUT/ablations.png: the strands of each variant and its rendering of a held-out view, beside the photograph.
+
+Shape: "full"; "no coarse-to-fine, no root-to-tip"; "geometry alone" (images train the appearance, not the strands);
+"positions" (a generator whose output is positions, not gradients: FILE is what `neural-strands train-prior FILE
+--config.generator.synthesiser.output position` wrote). Images: "strided UNet"; "no alpha loss". These begin from
+strands traced through the segments, which leaves little to the order in which shape is freed; so the paper's start, its
+mean strand at every root, is run with its coarse-to-fine and root-to-tip schedule and without.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import torch
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from neural_strands.capture.capture import Capture
+from neural_strands.evaluation.pictures import geometry_picture, png
+from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.progress import track
+from neural_strands.lmvs.files import save_segments
+from neural_strands.training.evaluate import RunContents, evaluate_run, open_run
+from neural_strands.training.fit_config import FitConfig, preset
+from neural_strands.training.prepare import training_views
+from neural_strands.training.run import FitRequest, find_head, fit_prior, run_fit
+from neural_strands.training.run_folder import weights_digest
+from neural_strands.training.schedule import ScheduleConfig
+from neural_strands.training.segments import find_segments
+
+CPU = torch.device("cpu")
+SHOWN = 2
+"""Which of the held-out views the pictures show."""
+ROOM = 0.06
+"""Of the picture's side, kept about the hair."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One column of the table.
+
+    Attributes:
+        config: of its fit.
+        prior: weights of its strand prior, if they are not the package's.
+    """
+
+    config: FitConfig
+    prior: Path | None = None
+
+
+def variants(base: FitConfig, positions: Path | None) -> dict[str, Variant]:
+    """Every variant by name; `positions` are the weights of a generator of positions, if there are any."""
+    free = replace(base.schedule, widest_blur=0.0, release_until=0.0)
+    strided = replace(base.model, unet=replace(base.model.unet, alias_free=False))
+    mean = mean_start(base)
+    at_once = replace(mean.schedule, widest_blur=0.0, release_until=0.0)
+    configs = {
+        "full": Variant(base),
+        "no coarse-to-fine, no root-to-tip": Variant(replace(base, schedule=free)),
+        "geometry alone": Variant(replace(base, weights=replace(base.weights, shape_from_image=0.0))),
+        "positions": Variant(base, positions),
+        "strided UNet": Variant(replace(base, model=strided)),
+        "no alpha loss": Variant(replace(base, weights=replace(base.weights, alpha=0.0))),
+        "mean start": Variant(mean),
+        "mean start, no coarse-to-fine, no root-to-tip": Variant(replace(mean, schedule=at_once)),
+    }
+    return {name: variant for name, variant in configs.items() if name != "positions" or positions is not None}
+
+
+def mean_start(base: FitConfig) -> FitConfig:
+    """The paper's start: strands far from the segments, which see each other from farther away and learn faster."""
+    schedule = ScheduleConfig(geometry_only=base.schedule.geometry_only)
+    chamfer = replace(base.chamfer, radius=0.05, surface_radius=0.01)
+    rates = replace(base.rates, shape=5 * base.rates.shape)
+    return replace(base, initialise="mean", schedule=schedule, chamfer=chamfer, rates=rates)
+
+
+def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
+    """The line segments of the training views, made unless they are there."""
+    path = out / "segments.npz"
+    if not path.is_file():
+        seen = capture.subset(training_views(capture, config))
+        save_segments(path, find_segments(seen, find_head(capture, None), config.seed, out / "lmvs", track))
+    return path
+
+
+def folder_name(name: str) -> str:
+    """A variant's name as a folder's."""
+    return "_".join("".join(letter if letter.isalnum() else " " for letter in name).split())
+
+
+def run_variant(name: str, variant: Variant, capture: Path, out: Path) -> None:
+    """Fit, evaluate and draw one variant, unless that is done; OUT/NAME/figures.json is written last."""
+    run = out / folder_name(name)
+    finished = run / "figures.json"
+    described = json.loads(
+        json.dumps({**asdict(variant.config), "prior": weights_digest(fit_prior(variant.prior, CPU))})
+    )
+    if finished.is_file():
+        if json.loads(finished.read_text())["described"] != described:
+            raise SystemExit(f"{run}: was made with other settings; delete it, or choose another folder")
+        return
+    start = time.perf_counter()
+    request = FitRequest(capture, run, segments=out / "segments.npz", resume=True, prior=variant.prior)
+    state = run_fit(request, variant.config, CPU, lambda sentence: print(f"{name}: {sentence}", flush=True), track)
+    seconds = time.perf_counter() - start
+    contents = open_run(run, CPU)
+    result = evaluate_run(contents, CPU)
+    view = result.views[min(SHOWN, len(result.views) - 1)]
+    for file, image in (("rendered", view.rendered), ("photograph", view.truth), ("strands", drawn_strands(contents))):
+        with atomic_file(run / f"{file}.png") as temporary:
+            temporary.write_bytes(png(image))
+    figures = {"described": described, "steps": state.step, "seconds": seconds, **result.as_dict()}
+    with atomic_file(finished) as temporary:
+        temporary.write_text(json.dumps(figures))
+
+
+def shown_view(contents: RunContents) -> int:
+    """Index of the view that the pictures show."""
+    return contents.shown[min(SHOWN, len(contents.shown) - 1)]
+
+
+def drawn_strands(contents: RunContents) -> torch.Tensor:
+    """The strands by direction, from the shown view."""
+    return geometry_picture(contents.strands.points, contents.capture.cameras[shown_view(contents)], contents.head.mesh)
+
+
+def table(results: dict[str, dict]) -> str:
+    """One line a variant."""
+    wide = max(len(name) for name in results)
+    names = list(next(iter(results.values()))["strands"])
+    lines = ["precision / recall / F, strand consistency (percent, unsigned); hair region of held-out views; minutes"]
+    heads = "".join(f"{name:>28}" for name in names[:3])
+    lines.append(f"{'':{wide}}{heads}  inside %   PSNR   SSIM  LPIPS   min")
+    for name, row in results.items():
+        cells = ""
+        for scores in list(row["strands"].values())[:3]:
+            three = " / ".join(f"{scores[key]:.1f}" for key in ("precision", "recall", "f_score"))
+            cells += f"{three}, {scores['strand_consistency']:.1f}".rjust(28)
+        views = row["held_out_views"]
+        lpips = "absent" if views["lpips"] is None else f"{views['lpips']:.4f}"
+        lines.append(
+            f"{name:{wide}}{cells}{row['inside_head_percent']:10.2f}{views['psnr']:7.2f}{views['ssim']:7.3f} {lpips:>6}"
+            f"{row['seconds'] / 60:6.1f}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def hair_part(capture: Capture, index: int) -> tuple[slice, slice]:
+    """Rows and columns of a square about the hair of a view."""
+    mask = capture.hair_mask(index)
+    if mask is None:
+        return slice(None), slice(None)
+    row, column = torch.nonzero(mask > 0.5).T
+    side = int((1 + ROOM) * max(int(row.max() - row.min()), int(column.max() - column.min())))
+    top = max(0, int(row.max() + row.min() - side) // 2)
+    left = max(0, int(column.max() + column.min() - side) // 2)
+    return slice(top, top + side), slice(left, left + side)
+
+
+def contact_sheet(names: list[str], capture: Capture, out: Path) -> None:
+    """OUT/ablations.png: the photograph and the true strands, then each variant's rendering and strands."""
+    contents = open_run(out / folder_name(names[0]), CPU)
+    camera = capture.cameras[shown_view(contents)]
+    truth = capture.ground_truth
+    true_strands = None if truth is None else geometry_picture(truth.points, camera, contents.head.mesh)
+    part = hair_part(capture, shown_view(contents))
+    across = len(names) // 2 + 1
+    figure = Figure(figsize=(3.2 * across, 13.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(4, across, squeeze=False)
+    for panel in axes.flat:
+        panel.set_axis_off()
+    axes[0, 0].set_title("photograph; truth", fontsize=9)
+    axes[0, 0].imshow(capture.image(shown_view(contents))[part])
+    if true_strands is not None:
+        axes[1, 0].imshow(true_strands[part])
+    for place, name in enumerate(names, start=1):
+        row, column = 2 * (place // across), place % across
+        axes[row, column].set_title(name, fontsize=9)
+        for offset, file in enumerate(("rendered", "strands")):
+            axes[row + offset, column].imshow(imread(out / folder_name(name) / f"{file}.png")[part])
+    with atomic_file(out / "ablations.png") as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--only", nargs="*", help="names of variants; all by default")
+    parser.add_argument("--steps", type=int, default=300)
+    parser.add_argument("--crop", type=int, default=128, help="side of a step's image region, pixels")
+    parser.add_argument("--preset", choices=("demo", "fast", "paper"), default="fast")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--positions-prior", type=Path, help="weights of a prior that outputs positions")
+    arguments = parser.parse_args()
+    base = replace(preset(arguments.preset), steps=arguments.steps, crop=arguments.crop, seed=arguments.seed)
+    chosen = variants(base, arguments.positions_prior)
+    if unknown := set(arguments.only or ()) - set(chosen):
+        parser.error(
+            f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}, "
+            "positions only with --positions-prior"
+        )
+    capture = Capture.load(arguments.capture)
+    shared_segments(capture, arguments.out, base)
+    results = {}
+    for name, variant in chosen.items():
+        finished = arguments.out / folder_name(name) / "figures.json"
+        if not finished.is_file() and arguments.only and name not in arguments.only:
+            continue
+        run_variant(name, variant, arguments.capture, arguments.out)
+        results[name] = json.loads(finished.read_text())
+        with atomic_file(arguments.out / "table.json") as temporary:
+            temporary.write_text(json.dumps(results, indent=1))
+        with atomic_file(arguments.out / "table.txt") as temporary:
+            temporary.write_text(table(results))
+        contact_sheet(list(results), capture, arguments.out)
+    print(table(results), end="")
+
+
+if __name__ == "__main__":
+    main()
