@@ -23,6 +23,7 @@ from neural_strands.geometry.strands import segments
 from neural_strands.prior.curves import synthetic_curves
 from neural_strands.prior.errors import angles, reconstruction_error
 from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.refine import refine_latents
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.training.curve_stream import seeded
@@ -38,6 +39,10 @@ CURVATURE = 1e-2
 """Weight of turns: 20 times the direction's, as the losses of the paper's first author's later work have it."""
 SAMPLES = 2000
 """Samples of N(0, I)."""
+OPTIMISED = 100
+"""Strands of each set whose latents are optimised."""
+RATE = 0.05
+"""Of the optimiser of latents."""
 
 
 def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
@@ -48,7 +53,7 @@ def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
     paper = paper_preset(plain)
     ours = replace(plain, steps=our_steps, sine_steps=our_steps)
     loss = PriorLossConfig
-    whitened = replace(paper, start_curves=plain.start_curves)
+    whitened = {"start_curves": plain.start_curves, "sine_steps": 0}
     everything = loss(kind="absolute", curvature=CURVATURE, free_bits=0.25)
     return {
         "paper": paper,
@@ -56,10 +61,8 @@ def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
         "relative points": replace(paper, loss=replace(paper.loss, kind="relative")),
         "curvature": paper_preset(replace(plain, loss=loss(curvature=CURVATURE))),
         "free bits": paper_preset(replace(plain, loss=loss(free_bits=0.25))),
-        "whitened start": whitened,
-        "L1, curvature, free bits, whitened": replace(
-            paper_preset(replace(plain, loss=everything)), start_curves=plain.start_curves
-        ),
+        "whitened start": replace(paper, **whitened),
+        "L1, curvature, free bits, whitened": replace(paper_preset(replace(plain, loss=everything)), **whitened),
         "amplitude alone": paper_preset(replace(plain, generator=amplitude)),
         "positions": paper_preset(replace(plain, generator=positions)),
         "default*": ours,
@@ -90,6 +93,17 @@ def trained(name: str, config: TrainPriorConfig, out: Path) -> tuple[StrandPrior
     return prior, before + time.perf_counter() - start
 
 
+def optimised(prior: StrandPrior, data: dict[str, Tensor], steps: int) -> dict[str, dict]:
+    """Errors of what the decoder alone reaches from each strand's encoding."""
+    few = {name: some(strands, OPTIMISED) for name, strands in data.items()}
+    strands = torch.cat(list(few.values()))
+    decoded = prior.decode(refine_latents(prior.generator, prior.encode(strands), strands, steps, RATE))
+    parts = decoded.split([len(each) for each in few.values()])
+    return {
+        name: asdict(reconstruction_error(part, true)) for (name, true), part in zip(few.items(), parts, strict=True)
+    }
+
+
 @torch.no_grad()
 def figures(prior: StrandPrior, data: dict[str, Tensor], held_out: Tensor) -> dict[str, object]:
     """Errors on each set, at other numbers of points, and how samples of N(0, I) look."""
@@ -118,16 +132,16 @@ def turn(strands: Tensor) -> float:
     return float(torch.rad2deg(angles(steps[:, :-1], steps[:, 1:])).mean())
 
 
-def table(results: dict[str, dict]) -> str:
+def table(results: dict[str, dict], kind: str) -> str:
     """Mean point error (mm) and mean direction error (degrees) on each set, a line a variant."""
-    sets_of = list(next(iter(results.values()))["errors"])
+    sets_of = list(next(iter(results.values()))[kind])
     names = [f"{chr(ord('A') + index)}: {name}" for index, name in enumerate(sets_of)]
     wide = max(len(name) for name in results)
     head = "".join(f"{chr(ord('A') + index):>15}" for index in range(len(sets_of)))
-    lines = ["mean mm / mean direction error in degrees; " + "; ".join(names)]
+    lines = [f"{kind}: mean mm / mean direction error in degrees; " + "; ".join(names)]
     lines.append(f"{'':{wide}}{head}{'KL nats':>9}{'turn °':>8}{'s':>6}")
     for name, result in results.items():
-        cells = "".join(f"{e['mean_mm']:9.3f} /{e['direction_deg']:4.1f}" for e in result["errors"].values())
+        cells = "".join(f"{e['mean_mm']:9.3f} /{e['direction_deg']:4.1f}" for e in result[kind].values())
         lines.append(
             f"{name:{wide}}{cells}{result['kl_nats']:9.1f}{result['samples_turn_deg']:8.2f}{result['seconds']:6.0f}"
         )
@@ -143,6 +157,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="names of variants; all by default")
     parser.add_argument("--steps", type=int, default=4000, help="of the paper's preset, 128 curves each")
     parser.add_argument("--our-steps", type=int, default=1000, help="of each stage of our default, 128 curves each")
+    parser.add_argument("--optimise", type=int, default=200, help="steps by which latents are also optimised; 0: none")
     parser.add_argument("--strands", type=int, default=500, help="at most, of each groom")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -154,7 +169,9 @@ def main() -> None:
     results = {}
     for name, config in chosen.items():
         finished = arguments.out / f"{file_name(name)}.json"
-        described = json.loads(json.dumps({"config": asdict(config), "strands": arguments.strands}))
+        described = json.loads(
+            json.dumps({"config": asdict(config), "strands": arguments.strands, "optimise": arguments.optimise})
+        )
         stored = json.loads(finished.read_text()) if finished.is_file() else None
         if stored is None or stored["described"] != described:
             if arguments.only and name not in arguments.only:
@@ -162,12 +179,15 @@ def main() -> None:
             data = data or {key: some(strands, arguments.strands) for key, strands in sets(arguments.data).items()}
             prior, seconds = trained(name, config, arguments.out)
             stored = {"described": described, "seconds": seconds, **figures(prior, data, held_out)}
+            if arguments.optimise:
+                stored["optimised"] = optimised(prior, {"held out": held_out[:, ::4], **data}, arguments.optimise)
             with atomic_file(finished) as temporary:
                 temporary.write_text(json.dumps(stored))
         results[name] = stored
         (arguments.out / "table.json").write_text(json.dumps(results, indent=1))
-        (arguments.out / "table.txt").write_text(table(results))
-    print(table(results), end="")
+        kinds = ("errors", "optimised") if arguments.optimise else ("errors",)
+        (arguments.out / "table.txt").write_text("\n".join(table(results, kind) for kind in kinds))
+    print((arguments.out / "table.txt").read_text(), end="")
 
 
 def some(strands: Tensor, count: int) -> Tensor:

@@ -5,10 +5,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.strands import lengths, segments
+from neural_strands.prior.analysis import DIRECTION_WEIGHT
 from neural_strands.prior.generator import StrandGenerator
-
-SLOPE_WEIGHT = 0.03
-"""Weight of an error in dp/dt against one in position, both in strand lengths."""
 
 
 def refine_latents(
@@ -27,7 +25,7 @@ def refine_latents(
     for _ in range(steps):
         error = (generator(current, points.shape[1]) - points) / scale
         slope = segments(error) * (points.shape[1] - 1)
-        loss = error.square().sum(dim=(1, 2)) + SLOPE_WEIGHT**2 * slope.square().sum(dim=(1, 2))
+        loss = error.square().sum(dim=(1, 2)) + DIRECTION_WEIGHT**2 * slope.square().sum(dim=(1, 2))
         with torch.no_grad():
             better = loss < lowest
             lowest = torch.where(better, loss, lowest)

@@ -63,6 +63,11 @@ class TrainPriorConfig:
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     """The encoder."""
 
+    @property
+    def stages(self) -> tuple[int, int]:
+        """Steps of the stage of the sines and of the last one; a random start has no sines to train first."""
+        return (self.sine_steps if self.start_curves else 0), self.steps
+
 
 LEAST: dict[str, float] = {
     "steps": 0,
@@ -163,7 +168,6 @@ def paper_preset(given: TrainPriorConfig) -> TrainPriorConfig:
     """
     paper = TrainPriorConfig(
         start_curves=0,
-        sine_steps=0,
         generator=GeneratorConfig(modulator="mlp", layers=3, synthesiser=SynthesiserConfig(integration="euler")),
         encoder=EncoderConfig(analysis=False, widths=(32, 32, 64, 128, 128)),
         loss=PriorLossConfig(kind="paper", direction=1e-3, kl=1e-3),

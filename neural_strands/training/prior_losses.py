@@ -7,9 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.strands import lengths, segments
+from neural_strands.prior.analysis import DIRECTION_WEIGHT
 
-SLOPE_WEIGHT = 0.03
-"""Weight of an error in dp/dt against one in position in `relative_loss`, as in the closed-form analysis."""
 LIKE_SQUARED = 0.005
 """Metres: the distance at which `absolute_loss` and `paper_loss` agree."""
 
@@ -56,13 +55,13 @@ def _unlike_directions(
 
 
 def relative_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:
-    """Root mean square error of positions and slopes in strand lengths, mean over strands.
+    """Root mean square error of positions and slopes in strand lengths (the analysis' own), mean over strands.
 
     The root makes it robust (an L1 norm over strands); the division lets short hair count as much as long hair.
     """
     error = (decoded - true) / lengths(true)[:, None, None]
     slope = segments(error) * (true.shape[1] - 1)
-    squared = error.square().sum(dim=(1, 2)) + SLOPE_WEIGHT**2 * slope.square().sum(dim=(1, 2))
+    squared = error.square().sum(dim=(1, 2)) + DIRECTION_WEIGHT**2 * slope.square().sum(dim=(1, 2))
     return (squared / true.shape[1] + 1e-12).sqrt().mean()
 
 

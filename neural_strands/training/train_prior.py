@@ -95,9 +95,9 @@ def train_prior(
         start_from_curves(prior.generator, stream.draw(config.start_curves, 4).to(device), config.encoder.refine)
     saved = began
     with progress_bar() as bar:
-        task = bar.add_task("train-prior", total=config.sine_steps + config.steps)
+        task = bar.add_task("train-prior", total=sum(config.stages))
         for losses in _steps(run, config, stream, torch.device(device)):
-            done = run.step + (config.sine_steps if run.stage else 0)
+            done = run.step + sum(config.stages[: run.stage])
             late = minutes is not None and time.monotonic() - began > 60 * minutes
             if late or time.monotonic() - saved > config.checkpoint_seconds:
                 error = held_out_error(prior, held_out)
@@ -131,10 +131,10 @@ def _steps(
     """Take the steps that are left, giving the losses of each."""
     prior = run.prior
     if run.stage == 0:
-        while run.step < config.sine_steps:
+        while run.step < config.stages[0]:
             curves, _ = stream.batch(run.step, config.batch // 2)
             loss = _sine_loss(prior, curves.to(device), config.loss)
-            yield _advance(run, {"data": loss}, config.sine_steps)
+            yield _advance(run, {"data": loss}, config.stages[0])
         if config.start_curves:
             white_from_curves(prior.generator, stream.draw(config.start_curves, 4).to(device), config.encoder.refine)
         run.stage, run.step, run.optimiser = 1, 0, _optimiser(prior, config, 1)
