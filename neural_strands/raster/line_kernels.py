@@ -10,8 +10,8 @@ from typing import no_type_check
 
 import warp as wp
 
-NO_PRIMITIVE = wp.constant(0xFFFFFFFF)
-"""Index bits of a pixel that nothing has been drawn to."""
+from neural_strands.raster.key_kernels import key_depth, key_index, make_key
+
 LONGEST = wp.constant(1.0e9)
 """Lines longer than this many pixels are not drawn: float32 no longer knows where they lie."""
 
@@ -42,9 +42,7 @@ def depth_at(fraction: float, inverse_a: float, inverse_b: float) -> float:
 @no_type_check
 def draw_pixel(column: int, row: int, depth: float, index: int, width: int, keys: wp.array[wp.int64]) -> None:
     """Lower one pixel's key."""
-    key = (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(index)
-    pixel = row * width + column
-    wp.atomic_min(keys, pixel, key)
+    wp.atomic_min(keys, row * width + column, make_key(depth, index))
 
 
 @wp.func
@@ -141,13 +139,12 @@ def resolve_lines(
     """Recover a pixel's segment, depth and perspective-correct position from its key."""
     pixel = first + wp.tid()
     key = keys[pixel]
-    index = key & wp.int64(NO_PRIMITIVE)
-    if index == wp.int64(NO_PRIMITIVE):
-        segment[pixel] = wp.int64(-1)
+    index = key_index(key)
+    segment[pixel] = index
+    if index < wp.int64(0):
         position[pixel] = 0.0
         depth[pixel] = wp.inf
         return
-    segment[pixel] = index
     strand = int(index) // (points_per_strand - 1)
     base = int(index) + strand
     a = transform(projections[0], points[base])
@@ -171,4 +168,4 @@ def resolve_lines(
     inverse = a_screen[2] + fraction * (b_screen[2] - a_screen[2])
     along = fraction * b_screen[2] / inverse
     position[pixel] = wp.clamp(begin + along * (end - begin), 0.0, 1.0)
-    depth[pixel] = wp.cast(wp.int32(key >> wp.int64(32)), wp.float32)
+    depth[pixel] = key_depth(key)

@@ -10,8 +10,8 @@ from typing import no_type_check
 
 import warp as wp
 
-NO_PRIMITIVE = wp.constant(0xFFFFFFFF)
-"""Index bits of a pixel that nothing has been drawn to."""
+from neural_strands.raster.key_kernels import key_depth, key_index, make_key
+
 TOLERANCE = wp.constant(1.0e-6)
 """How far outside a triangle (barycentric) a pixel still counts, so that rounding opens no cracks."""
 
@@ -105,7 +105,7 @@ def draw_triangles(
             if total > 0.0 and wp.min(wp.min(weights[0], weights[1]), weights[2]) >= -TOLERANCE * total:
                 depth = (weights[0] * a[2] + weights[1] * b[2] + weights[2] * c[2]) / total
                 if depth > near:
-                    key = (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(face)
+                    key = make_key(depth, face)
                     pixel = row * width + column
                     if key < keys[pixel]:
                         wp.atomic_min(keys, pixel, key)
@@ -127,13 +127,12 @@ def resolve_triangles(
     """Recover a pixel's face, depth and barycentric coordinates from its key."""
     pixel = first + wp.tid()
     key = keys[pixel]
-    index = key & wp.int64(NO_PRIMITIVE)
-    if index == wp.int64(NO_PRIMITIVE):
-        face[pixel] = wp.int64(-1)
+    index = key_index(key)
+    face[pixel] = index
+    if index < wp.int64(0):
         depth[pixel] = wp.inf
         return
-    face[pixel] = index
-    depth[pixel] = wp.cast(wp.int32(key >> wp.int64(32)), wp.float32)
+    depth[pixel] = key_depth(key)
     a = corner(projections[0], vertices, faces, int(index), 0)
     b = corner(projections[0], vertices, faces, int(index), 1)
     c = corner(projections[0], vertices, faces, int(index), 2)

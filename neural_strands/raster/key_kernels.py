@@ -1,0 +1,38 @@
+"""Depth keys (see `keys`) as Warp kernels write and read them: depth bits above, index bits below.
+
+Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+from neural_strands.raster.keys import NO_PRIMITIVE
+
+_NO_PRIMITIVE = wp.constant(NO_PRIMITIVE)
+
+
+@wp.func
+@no_type_check
+def make_key(depth: float, index: int) -> wp.int64:
+    """Join a depth (metres, at least 0) and a primitive's index."""
+    return (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(index)
+
+
+@wp.func
+@no_type_check
+def key_index(key: wp.int64) -> wp.int64:
+    """The primitive of a key, -1 where nothing has been drawn."""
+    index = key & wp.int64(_NO_PRIMITIVE)
+    if index == wp.int64(_NO_PRIMITIVE):
+        return wp.int64(-1)
+    return index
+
+
+@wp.func
+@no_type_check
+def key_depth(key: wp.int64) -> float:
+    """The depth of a key, metres."""
+    return wp.cast(wp.int32(key >> wp.int64(32)), wp.float32)
