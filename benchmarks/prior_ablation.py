@@ -166,28 +166,29 @@ def main() -> None:
         parser.error(f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}")
     data: dict[str, Tensor] = {}
     held_out = synthetic_curves(HELD_OUT, seeded(0, 6), points=FINE)
-    results = {}
+    finished = {name: arguments.out / f"{file_name(name)}.json" for name in chosen}
+    results = {name: json.loads(path.read_text()) for name, path in finished.items() if path.is_file()}
     for name, config in chosen.items():
-        finished = arguments.out / f"{file_name(name)}.json"
-        described = json.loads(
-            json.dumps({"config": asdict(config), "strands": arguments.strands, "optimise": arguments.optimise})
-        )
-        stored = json.loads(finished.read_text()) if finished.is_file() else None
-        if stored is None or stored["described"] != described:
-            if arguments.only and name not in arguments.only:
-                continue
-            data = data or {key: some(strands, arguments.strands) for key, strands in sets(arguments.data).items()}
-            prior, seconds = trained(name, config, arguments.out)
-            stored = {"described": described, "seconds": seconds, **figures(prior, data, held_out)}
-            if arguments.optimise:
-                stored["optimised"] = optimised(prior, {"held out": held_out[:, ::4], **data}, arguments.optimise)
-            with atomic_file(finished) as temporary:
-                temporary.write_text(json.dumps(stored))
-        results[name] = stored
-        (arguments.out / "table.json").write_text(json.dumps(results, indent=1))
-        kinds = ("errors", "optimised") if arguments.optimise else ("errors",)
-        (arguments.out / "table.txt").write_text("\n".join(table(results, kind) for kind in kinds))
-    print((arguments.out / "table.txt").read_text(), end="")
+        settings = {"config": asdict(config), "strands": arguments.strands, "optimise": arguments.optimise}
+        described, stored = json.loads(json.dumps(settings)), results.get(name)
+        if (stored and stored["described"] == described) or (arguments.only and name not in arguments.only):
+            continue
+        data = data or {key: some(strands, arguments.strands) for key, strands in sets(arguments.data).items()}
+        prior, seconds = trained(name, config, arguments.out)
+        if stored and stored["described"]["config"] == described["config"]:
+            seconds = stored["seconds"]  # Only measured again.
+        results[name] = {"described": described, "seconds": seconds, **figures(prior, data, held_out)}
+        if arguments.optimise:
+            results[name]["optimised"] = optimised(prior, {"held out": held_out[:, ::4], **data}, arguments.optimise)
+        with atomic_file(finished[name]) as temporary:
+            temporary.write_text(json.dumps(results[name]))
+    ordered = {name: results[name] for name in chosen if name in results}
+    (arguments.out / "table.json").write_text(json.dumps(ordered, indent=1))
+    text = table(ordered, "errors")
+    again = {name: result for name, result in ordered.items() if "optimised" in result}
+    text += "\n" + table(again, "optimised") if again else ""
+    (arguments.out / "table.txt").write_text(text)
+    print(text, end="")
 
 
 def some(strands: Tensor, count: int) -> Tensor:
