@@ -1,10 +1,13 @@
 """Files that are either whole or absent: write beside the target, then rename."""
 
+import io
 import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+import torch
 
 from neural_strands.foundation.errors import InputError
 
@@ -29,6 +32,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
         # Where the folder itself could not be made there is nothing to remove.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def tensor_bytes(content: object) -> memoryview:
+    """What `torch.save` writes, in memory: torch's own writer says RuntimeError, not OSError, when the disk is full."""
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    return buffer.getbuffer()
 
 
 @contextmanager

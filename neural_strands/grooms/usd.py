@@ -8,6 +8,7 @@ sampled along the curve), through the transforms above it, metersPerUnit and upA
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -65,8 +66,12 @@ def read_usd(path: Path) -> Groom:
 
 
 def write_usd(path: Path, groom: Groom) -> None:
-    """Write a stage with the curves `/hair/strands`; `.usda` is text, the others binary."""
-    sdf, usd, geometry, arrays = (pxr_module(name) for name in ("Sdf", "Usd", "UsdGeom", "Vt"))
+    """Write a stage with the curves `/hair/strands`; `.usda` is text, the others binary.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    sdf, usd, geometry, arrays, tf = (pxr_module(name) for name in ("Sdf", "Usd", "UsdGeom", "Vt", "Tf"))
     layer = sdf.Layer.CreateAnonymous(".usda" if path.suffix.lower() == ".usda" else ".usdc")
     stage = usd.Stage.Open(layer)
     geometry.SetStageMetersPerUnit(stage, 1.0)
@@ -90,7 +95,11 @@ def write_usd(path: Path, groom: Groom) -> None:
             array = arrays.Vec2fArray if channels == 2 else arrays.Vec3fArray
             added = primvars.CreatePrimvar(primvar, kind, geometry.Tokens.uniform)
             added.Set(array.FromNumpy(np.ascontiguousarray(value.cpu().float().numpy())))
-    layer.Export(str(path))
+    try:
+        layer.Export(str(path))
+    except tf.ErrorException as error:
+        reasons = re.findall(r"'([^']*)'\s*$", str(error), re.MULTILINE)
+        raise OSError(reasons[0] if reasons else "USD's library could not write it") from error
 
 
 def _check_container(path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
@@ -46,7 +46,7 @@ def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None
     tensors = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     with atomic_folder(folder) as temporary:
         (temporary / CONFIG_NAME).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-        save_file(tensors, temporary / WEIGHTS_NAME)
+        (temporary / WEIGHTS_NAME).write_bytes(save(tensors))
 
 
 def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairModel:

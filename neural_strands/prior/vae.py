@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from neural_strands.foundation.errors import InputError
@@ -109,7 +109,7 @@ def save_prior(prior: StrandPrior, path: Path, notes: dict[str, str]) -> None:
     described = {"generator": asdict(prior.generator.config), "encoder": asdict(prior.encoder.config)}
     tensors = {name: value.detach().cpu().contiguous() for name, value in prior.state_dict().items()}
     with atomic_file(path) as temporary:
-        save_file(tensors, temporary, metadata={**notes, "config": json.dumps(described)})
+        temporary.write_bytes(save(tensors, {**notes, "config": json.dumps(described)}))
 
 
 def load_prior(path: Path | None = None, device: torch.device | str = "cpu") -> StrandPrior:

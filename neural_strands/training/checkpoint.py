@@ -6,7 +6,7 @@ from pickle import UnpicklingError
 import torch
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.files import atomic_file, tensor_bytes
 from neural_strands.training.fit import FitState
 
 
@@ -25,7 +25,7 @@ def save_checkpoint(state: FitState, path: Path) -> None:
         "step": state.step,
     }
     with atomic_file(path) as temporary:
-        torch.save(content, temporary)
+        temporary.write_bytes(tensor_bytes(content))
 
 
 def load_checkpoint(state: FitState, path: Path) -> None:

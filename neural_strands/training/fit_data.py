@@ -100,17 +100,26 @@ def segment_lines(segments: LineSegments) -> Float[Tensor, "line 2 3"]:
     return torch.stack([segments.points[:-1][together], segments.points[1:][together]], dim=1)
 
 
-def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
-    """Refuse what no fit can come of.
+def check_views(capture: Capture) -> None:
+    """Refuse training views that are too few for any fit.
 
     Raises:
-        InputError: too few views or segments, or segments that are not this head's hair.
+        InputError: there are fewer than three.
     """
     if len(capture) < FEWEST_VIEWS:
         raise InputError(
             f"{capture.folder}: expected at least {FEWEST_VIEWS} training views, came {len(capture)}; "
             "take more photographs around the head."
         )
+
+
+def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
+    """Refuse what no fit can come of.
+
+    Raises:
+        InputError: too few views or segments, or segments that are not this head's hair.
+    """
+    check_views(capture)
     if len(segments) < FEWEST_SEGMENT_POINTS:
         raise InputError(
             f"{capture.folder}: expected {FEWEST_SEGMENT_POINTS} segment points or more, came {len(segments)}; "

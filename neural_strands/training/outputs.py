@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-import cv2
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.evaluation.pictures import png
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.nearest import nearest
 from neural_strands.geometry.strands import Strands
@@ -60,9 +60,8 @@ def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root poin
     """A training view as the model renders it now, beside its photograph."""
     target = data.observation(0)
     output = model.render(Strands(points, root_uv=model.root_uv), target.camera)
-    side_by_side = torch.cat([output.rgb, target.image], dim=1).clamp(0, 1).mul(255).round().byte().cpu().numpy()
     with atomic_file(path) as temporary:
-        cv2.imwrite(str(temporary), side_by_side[..., ::-1])
+        temporary.write_bytes(png(torch.cat([output.rgb, target.image], dim=1)))
 
 
 def srgb_to_linear(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:

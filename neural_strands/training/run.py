@@ -12,6 +12,8 @@ from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.lpips import find_lpips
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.scalp.head import Head
@@ -20,7 +22,7 @@ from neural_strands.training.appearance import Perceptual
 from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.training.fit import FitState, fit
 from neural_strands.training.fit_config import FitConfig
-from neural_strands.training.fit_data import FitData
+from neural_strands.training.fit_data import FitData, check_inputs, check_views
 from neural_strands.training.forecast import forecast, steps_for
 from neural_strands.training.outputs import write_outputs, write_preview
 from neural_strands.training.prepare import begin, prepare, training_views
@@ -67,23 +69,33 @@ class RunLog:
     """Figures of every step, one JSON object a line; lines past the step that a run resumes from are dropped."""
 
     def __init__(self, path: Path, step: int) -> None:
-        """Open for a run that has done `step` steps."""
+        """Open for a run that has done `step` steps.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        self._path = path
         kept = path.read_text(encoding="utf-8").splitlines()[:step] if path.is_file() and step else []
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = path.open("w", encoding="utf-8")
-        self._file.writelines(line + "\n" for line in kept)
+        with atomic_file(path) as temporary:
+            temporary.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
+        self._waiting: list[str] = []
 
     def add(self, figures: dict[str, float]) -> None:
-        """Append one step."""
-        self._file.write(json.dumps({name: round(value, 6) for name, value in figures.items()}) + "\n")
+        """Append one step; `flush` puts it on disk."""
+        self._waiting.append(json.dumps({name: round(value, 6) for name, value in figures.items()}) + "\n")
 
     def flush(self) -> None:
-        """Put what was added on disk."""
-        self._file.flush()
+        """Put what was added on disk.
 
-    def close(self) -> None:
-        """End the log."""
-        self._file.close()
+        Raises:
+            InputError: the disk is full or cannot be written to.
+        """
+        lines, self._waiting = self._waiting, []
+        try:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.writelines(lines)
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written ({error.strerror or error}).") from error
 
 
 def run_fit(
@@ -112,6 +124,11 @@ def run_fit(
     going_on = folder.description.is_file()
     if going_on and not request.resume:
         raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
+    # Before anything is written: what is refused here leaves no run behind.
+    seen = capture.subset(training_views(capture, config))
+    check_views(seen)
+    if request.segments is not None and not folder.segments.is_file():
+        check_inputs(seen, load_segments(request.segments), head)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, say)
     if not going_on:
         cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
@@ -122,13 +139,15 @@ def run_fit(
     elif request.minutes is not None:
         config = replace(config, steps=read_description(folder).config.steps)
     described = RunDescription(
-        str(request.capture), str(request.head or ""), fingerprint(capture), config, weights_digest(prior)
+        str(request.capture), str(request.head or ""), fingerprint(capture, head), config, weights_digest(prior)
     )
     if going_on:
         check_same(folder, described)
     if workers.leads:
         write_description(folder, described)
-        _make_segments(request, folder, capture, head, config, say, track)
+        if not folder.segments.is_file():
+            found = load_segments(request.segments) if request.segments is not None else None
+            save_segments(folder.segments, found or _stereo(folder, capture, head, config, say, track))
     workers.wait()
     segments = load_segments(folder.segments)
     data = prepare(capture, head, segments, config, device)
@@ -183,25 +202,18 @@ def perceptual_loss(device: torch.device, say: Callable[[str], None]) -> Percept
     return structural_loss
 
 
-def _make_segments(
-    request: FitRequest,
+def _stereo(
     folder: RunFolder,
     capture: Capture,
     head: Head,
     config: FitConfig,
     say: Callable[[str], None],
     track: Callable[[Iterable, str, int], Iterable],
-) -> None:
-    """Put the run's segments in its folder: those that were given, or new ones from the training views."""
-    if folder.segments.is_file():
-        return
-    if request.segments is not None:
-        found = load_segments(request.segments)
-    else:
-        say("line-based multi-view stereo over the training views")
-        seen = capture.subset(training_views(capture, config))
-        found = find_segments(seen, head, config.seed, folder.path / "lmvs", track)
-    save_segments(folder.segments, found)
+) -> LineSegments:
+    """Segments of the training views; what is finished of them is kept in the run's folder."""
+    say("line-based multi-view stereo over the training views")
+    seen = capture.subset(training_views(capture, config))
+    return find_segments(seen, head, config.seed, folder.path / "lmvs", track)
 
 
 def _steps(
@@ -237,4 +249,4 @@ def _steps(
         fit(state, data, config, perceptual, workers, after_step)
     finally:
         if log is not None:
-            log.close()
+            log.flush()

@@ -12,6 +12,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.model.files import from_plain
 from neural_strands.prior.vae import StrandPrior
+from neural_strands.scalp.head import Head
 from neural_strands.training.fit_config import FitConfig
 
 FORMAT = 1
@@ -80,7 +81,7 @@ class RunDescription:
     Attributes:
         capture: folder of the capture.
         head: head file that was given, or empty.
-        fingerprint: digest of the capture's calibration and image sizes in bytes.
+        fingerprint: digest of the capture's cameras, images and masks, and of the head.
         config: resolved settings.
         prior: digest of the strand generator's weights, which no checkpoint holds.
     """
@@ -129,8 +130,8 @@ def check_same(folder: RunFolder, wanted: RunDescription) -> None:
     stored = read_description(folder)
     if stored.fingerprint != wanted.fingerprint:
         raise InputError(
-            f"{folder.path}: the capture {wanted.capture} has changed since this run began (cameras or images); "
-            "restore it, or fit into a new folder."
+            f"{folder.path}: the capture {wanted.capture} has changed since this run began (cameras, images, masks or "
+            "head); restore it, or fit into a new folder."
         )
     if stored.prior != wanted.prior:
         raise InputError(
@@ -155,8 +156,8 @@ def weights_digest(prior: StrandPrior) -> str:
     return digest.hexdigest()
 
 
-def fingerprint(capture: Capture) -> str:
-    """Digest of the cameras and of the size in bytes of every image and mask; no image is decoded."""
+def fingerprint(capture: Capture, head: Head) -> str:
+    """Digest of the cameras, of the files of every image and mask, and of the head; no image is decoded."""
     digest = hashlib.sha256()
     for view in capture.views:
         camera = view.camera
@@ -164,6 +165,9 @@ def fingerprint(capture: Capture) -> str:
         digest.update(camera.intrinsics.double().numpy().tobytes())
         digest.update(camera.world_to_camera.double().numpy().tobytes())
         for path in (view.image_path, view.hair_mask_path):
-            size = path.stat().st_size if path is not None and path.is_file() else 0
-            digest.update(str(size).encode())
+            if path is not None and path.is_file():
+                with path.open("rb") as file:
+                    digest.update(hashlib.file_digest(file, "sha256").digest())
+    for tensor in (head.mesh.vertices, head.mesh.faces, head.scalp_faces):
+        digest.update(tensor.cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()

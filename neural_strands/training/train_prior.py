@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.files import atomic_file, tensor_bytes
 from neural_strands.foundation.progress import progress_bar
 from neural_strands.prior.analysis import analyse
 from neural_strands.prior.curves import CurveConfig, synthetic_curves
@@ -254,7 +254,7 @@ def _save(out: Path, checkpoint: Path, run: _Run, described: str, notes: dict[st
         "optimiser": run.optimiser.state_dict(),
     }
     with atomic_file(checkpoint) as temporary:
-        torch.save(state, temporary)
+        temporary.write_bytes(tensor_bytes(state))
     save_prior(run.prior, out, {**notes, "training": described, "stage": str(run.stage), "step": str(run.step)})
 
 

@@ -9,11 +9,13 @@ from dataclasses import replace
 
 import pytest
 import torch
+from full_disk import smallest_files
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.cli.main import main
 from neural_strands.grooms.io import read_groom
-from neural_strands.lmvs.files import save_segments
+from neural_strands.lmvs.files import load_segments, save_segments
+from neural_strands.prior.vae import load_prior, save_prior
 from neural_strands.training import fit_config
 
 
@@ -67,10 +69,26 @@ def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
     capsys.readouterr()
     assert main(fit_arguments(tiny, "--resume", "--strands", "100")) == 2
     assert "began with strands = 200, came 100" in capsys.readouterr().err
-    image = tiny / "ball" / "images" / "000.png"
-    image.write_bytes(image.read_bytes() + b"\0")
-    assert main(fit_arguments(tiny, "--resume")) == 2
-    assert "has changed since this run began" in capsys.readouterr().err
+    assert main(fit_arguments(tiny, "--resume", "--prior", str(other_prior(tiny)))) == 2
+    assert "other weights of the strand prior" in capsys.readouterr().err
+    changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
+    for path in changed:
+        kept = path.read_bytes()
+        # Of the same size: one bit of the picture's check sum, one digit of a vertex.
+        place = -1 if path.suffix == ".png" else kept.index(b".", kept.index(b"\nv ")) + 3
+        path.write_bytes(kept[:place] + bytes([kept[place] ^ 1]) + kept[place:][1:])
+        assert main(fit_arguments(tiny, "--resume")) == 2, path
+        assert "has changed since this run began" in capsys.readouterr().err
+        path.write_bytes(kept)
+    assert main(fit_arguments(tiny, "--resume")) == 0
+
+
+def other_prior(tiny):
+    prior = load_prior()
+    with torch.no_grad():
+        prior.generator.linear.bias.add_(0.01)
+    save_prior(prior, tiny / "other.safetensors", {})
+    return tiny / "other.safetensors"
 
 
 def test_without_a_head_there_is_one_sentence(tiny, capsys):
@@ -82,10 +100,56 @@ def test_without_a_head_there_is_one_sentence(tiny, capsys):
     assert not (tiny / "run").exists()
 
 
+def test_two_views_are_refused_in_one_sentence_and_leave_no_run(tiny, capsys):
+    path = tiny / "ball" / "transforms.json"
+    plain = json.loads(path.read_text())
+    path.write_text(json.dumps(plain | {"frames": plain["frames"][:2]}))
+    for arguments in (fit_arguments(tiny), fit_arguments(tiny)[:3]):
+        assert main(arguments) == 2
+        assert_one_sentence(capsys, "at least 3 training views, came 2")
+    assert not (tiny / "run").exists()
+
+
+def test_segments_that_are_absent_empty_or_of_another_head_leave_no_run(tiny, capsys):
+    whole = load_segments(tiny / "segments.npz")
+    save_segments(tiny / "segments.npz", whole.select(torch.arange(0)))
+    assert main(fit_arguments(tiny)) == 2
+    assert_one_sentence(capsys, "segment points or more, came 0")
+    save_segments(tiny / "segments.npz", replace(whole, points=whole.points + 2.0))
+    assert main(fit_arguments(tiny)) == 2
+    assert_one_sentence(capsys, "align or scale it")
+    (tiny / "segments.npz").unlink()
+    assert main(fit_arguments(tiny)) == 2
+    assert_one_sentence(capsys, "segments.npz")
+    assert not (tiny / "run").exists()
+
+
+def assert_one_sentence(capsys, words):
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1, told
+    assert words in told
+
+
+def test_a_full_disk_ends_a_fit_in_one_sentence_and_the_last_checkpoint_stays(tiny, capsys, monkeypatch):
+    assert main(fit_arguments(tiny)) == 0
+    checkpoint, groom = tiny / "run" / "checkpoint.pt", tiny / "run" / "groom.npz"
+    before = {path: path.read_bytes() for path in (checkpoint, groom)}
+    capsys.readouterr()
+    with smallest_files(10_000):
+        assert main(fit_arguments(tiny, "--resume")) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert "checkpoint.pt: cannot be written (File too large)" in told[-1]
+    assert not any("Traceback" in line for line in told)
+    assert {path: path.read_bytes() for path in before} == before
+    assert not [path for path in (tiny / "run").iterdir() if path.name.startswith(".")]
+    assert main(fit_arguments(tiny, "--resume")) == 0
+
+
 SCRIPT = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from dataclasses import replace
+from full_disk import smallest_files
 from tiny_capture import tiny_config
 from neural_strands.training import fit_config, run
 fit_config.preset = lambda _: replace(tiny_config(), steps=40)

@@ -4,18 +4,23 @@ from dataclasses import replace
 
 import pytest
 import torch
+from full_disk import smallest_files
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import write_groom
 from neural_strands.prior.vae import load_prior
 from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.training.fit import fit
 from neural_strands.training.fit_config import FitRates
+from neural_strands.training.outputs import write_outputs, write_preview
 from neural_strands.training.prepare import begin, held_out_views, prepare, training_views
-from neural_strands.training.run import find_head
+from neural_strands.training.run import RunLog, find_head
+from neural_strands.training.run_folder import RunFolder
 
 CPU = torch.device("cpu")
 
@@ -111,6 +116,35 @@ def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
     save_checkpoint(state, path)
     with pytest.raises(InputError, match="NaN in textures"):
         load_checkpoint(state, path)
+
+
+def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):
+    config = tiny_config()
+    state, data = begin_tiny(scene, config)
+    folder = RunFolder(tmp_path)
+    save_checkpoint(state, folder.checkpoint)
+    write_outputs(folder, state.model, data, {})
+    write_preview(folder.preview, state.model, state.drawn, data)
+    log = RunLog(folder.log, 0)
+    log.add({"step": 1.0})
+    log.flush()
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert len(before) == 7
+    log.add({"text": 1.0} | {f"figure {k}": 0.0 for k in range(100)})
+    writes = (
+        lambda: save_checkpoint(state, folder.checkpoint),
+        lambda: write_outputs(folder, state.model, data, {}),
+        lambda: write_groom(folder.groom, Groom.from_strands(Strands(state.drawn))),
+        lambda: write_preview(folder.preview, state.model, state.drawn, data),
+        log.flush,
+    )
+    with smallest_files(1000):
+        for write in writes:
+            with pytest.raises(InputError, match=r"cannot be written \(.*File too large\)"):
+                write()
+    log_path = folder.log
+    assert log_path.read_bytes().startswith(before.pop(log_path))
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path != log_path} == before
 
 
 def test_without_masks_the_hair_volume_comes_from_the_segments(tmp_path):
