@@ -1,6 +1,6 @@
 """What each loss, start and modulation of the strand prior does: variants trained alike, and their errors side by side.
 
-    python benchmarks/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 1000]
+    python benchmarks/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 500]
 
 All variants see the same curves (seed) for the same steps: those of the paper's preset (names without a star) change
 one thing in it, those of our default (with a star) one thing there. DATA as in prior_quality.py; of each groom some
@@ -54,7 +54,7 @@ def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
     ours = replace(plain, steps=our_steps, sine_steps=our_steps)
     loss = PriorLossConfig
     whitened = {"start_curves": plain.start_curves, "sine_steps": 0}
-    everything = loss(kind="absolute", curvature=CURVATURE, free_bits=0.25)
+    both = loss(curvature=CURVATURE, free_bits=0.25)
     return {
         "paper": paper,
         "L1 points": paper_preset(replace(plain, loss=loss(kind="absolute"))),
@@ -62,7 +62,7 @@ def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
         "curvature": paper_preset(replace(plain, loss=loss(curvature=CURVATURE))),
         "free bits": paper_preset(replace(plain, loss=loss(free_bits=0.25))),
         "whitened start": replace(paper, **whitened),
-        "L1, curvature, free bits, whitened": replace(paper_preset(replace(plain, loss=everything)), **whitened),
+        "curvature, free bits, whitened": replace(paper_preset(replace(plain, loss=both)), **whitened),
         "amplitude alone": paper_preset(replace(plain, generator=amplitude)),
         "positions": paper_preset(replace(plain, generator=positions)),
         "default*": ours,
@@ -156,7 +156,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", nargs="*", help="names of variants; all by default")
     parser.add_argument("--steps", type=int, default=4000, help="of the paper's preset, 128 curves each")
-    parser.add_argument("--our-steps", type=int, default=1000, help="of each stage of our default, 128 curves each")
+    parser.add_argument("--our-steps", type=int, default=500, help="of each stage of our default, 128 curves each")
     parser.add_argument("--optimise", type=int, default=200, help="steps by which latents are also optimised; 0: none")
     parser.add_argument("--strands", type=int, default=500, help="at most, of each groom")
     arguments = parser.parse_args()
