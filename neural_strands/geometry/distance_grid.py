@@ -48,6 +48,28 @@ class SignedDistanceGrid:
         """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest place in it."""
         return _Trilinear.apply(points.reshape(-1, 3), self).reshape(points.shape[:-1])
 
+    @property
+    def largest_error(self) -> float:
+        """Bound in metres of the interpolation error inside the grid: half a cell's diagonal.
+
+        Distances change no faster than places do.
+        """
+        return 0.5 * math.sqrt(3) * self.spacing
+
+    def with_outward(
+        self, points: Float[Tensor, "*batch 3"]
+    ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch 3"]]:
+        """Signed distance (metres) and the unit direction in which it grows, those of the nearest place in the grid.
+
+        No gradient passes.
+        """
+        last = self.spacing * (self.lower.new_tensor(self.values.shape[::-1]) - 1)
+        # A hair inside: on the border itself slopes vanish.
+        hair = 1e-3 * self.spacing
+        within = torch.minimum(torch.maximum(points, self.lower + hair), self.lower + last - hair).reshape(-1, 3)
+        value, slope = _value_and_slope(self, within)
+        return value.reshape(points.shape[:-1]), torch.nn.functional.normalize(slope, dim=-1).reshape(points.shape)
+
     def to(self, device: torch.device | str) -> "SignedDistanceGrid":
         """Move the grid to `device`."""
         return SignedDistanceGrid(self.values.to(device), self.lower.to(device), self.spacing)
@@ -58,17 +80,7 @@ class _Trilinear(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, points: Tensor, grid: SignedDistanceGrid) -> Tensor:
-        flat = points.detach().float()
-        value, gradient = flat.new_zeros(len(flat)), torch.zeros_like(flat)
-        inputs = [
-            kernels.array(grid.values.float()),
-            wp.vec3(*grid.lower.tolist()),
-            grid.spacing,
-            kernels.array(flat, wp.vec3),
-            kernels.array(value),
-            kernels.array(gradient, wp.vec3),
-        ]
-        kernels.launch_split(trilinear_kernel, len(flat), inputs, points.device)
+        value, gradient = _value_and_slope(grid, points)
         ctx.save_for_backward(gradient)
         return value.to(points)
 
@@ -76,6 +88,24 @@ class _Trilinear(torch.autograd.Function):
     def backward(ctx: Any, *cotangents: Tensor) -> tuple[Tensor, None]:
         (gradient,) = ctx.saved_tensors
         return cotangents[0][:, None] * gradient.to(cotangents[0]), None
+
+
+def _value_and_slope(
+    grid: SignedDistanceGrid, points: Float[Tensor, "point 3"]
+) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"]]:
+    """Trilinear value (metres) and its gradient."""
+    flat = points.detach().float()
+    value, gradient = flat.new_zeros(len(flat)), torch.zeros_like(flat)
+    inputs = [
+        kernels.array(grid.values.float()),
+        wp.vec3(*grid.lower.tolist()),
+        grid.spacing,
+        kernels.array(flat, wp.vec3),
+        kernels.array(value),
+        kernels.array(gradient, wp.vec3),
+    ]
+    kernels.launch_split(trilinear_kernel, len(flat), inputs, points.device)
+    return value, gradient
 
 
 def trilinear_reference(grid: SignedDistanceGrid, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:

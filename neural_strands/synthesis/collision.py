@@ -4,10 +4,10 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
 from neural_strands.geometry.strands import segments
-from neural_strands.synthesis.distance_grid import LARGEST_ERROR, DistanceGrid
 from neural_strands.synthesis.shorten import shorten
 
 CLEARANCE = 0.0004
@@ -27,7 +27,7 @@ EXACT_ROUNDS = 3
 
 
 def keep_outside(
-    points: Float[Tensor, "strand point 3"], grid: DistanceGrid, mesh: Mesh
+    points: Float[Tensor, "strand point 3"], grid: SignedDistanceGrid, mesh: Mesh
 ) -> Float[Tensor, "strand point 3"]:
     """Move strands out of the head, points and segments alike; roots stay.
 
@@ -59,13 +59,13 @@ def integrate_again(
 
 
 def _pushed(
-    points: Float[Tensor, "strand point 3"], room: float, grid: DistanceGrid, index: SignedDistanceIndex
+    points: Float[Tensor, "strand point 3"], room: float, grid: SignedDistanceGrid, index: SignedDistanceIndex
 ) -> Float[Tensor, "strand point 3"]:
     """Points pushed to `room` metres above the skin by the grid, then to CLEARANCE at least by the triangles."""
     arc = torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
     result = points.clone()
     for _ in range(ROUNDS):
-        distance, outward = grid.sample(result)
+        distance, outward = grid.with_outward(result)
         missing = ((RISE * arc).clamp(max=room) - distance).clamp(min=0.0)
         missing[:, 0] = 0.0
         hit = (missing > 0.0).any(dim=1)
@@ -78,7 +78,7 @@ def _pushed(
 
 
 def _first_entry(
-    points: Float[Tensor, "strand point 3"], grid: DistanceGrid, index: SignedDistanceIndex
+    points: Float[Tensor, "strand point 3"], grid: SignedDistanceGrid, index: SignedDistanceIndex
 ) -> Int64[Tensor, " strand"]:
     """The end of the first segment that passes through the head, or the number of points."""
     count = points.shape[1]
@@ -86,7 +86,7 @@ def _first_entry(
     step = segments(points).norm(dim=-1)
     enters = step > TORN * step.median(dim=1, keepdim=True).values
     for places in (points[:, 1:], middles):
-        doubtful = grid.sample(places)[0] < LARGEST_ERROR
+        doubtful = grid(places) < grid.largest_error
         inside = torch.zeros_like(doubtful)
         if doubtful.any():
             inside[doubtful] = index(places[doubtful]).distance <= 0.0
@@ -97,11 +97,11 @@ def _first_entry(
 def _lift_exactly(
     points: Float[Tensor, "strand point 3"],
     wanted: Float[Tensor, "strand point"],
-    grid: DistanceGrid,
+    grid: SignedDistanceGrid,
     index: SignedDistanceIndex,
 ) -> None:
     """Lift points that lie too low above the triangles, in place; only those that the grid cannot clear are asked."""
-    doubtful = grid.sample(points)[0] < LARGEST_ERROR + wanted
+    doubtful = grid(points) < grid.largest_error + wanted
     doubtful[:, 0] = False
     which = torch.nonzero(doubtful)
     for _ in range(EXACT_ROUNDS):

@@ -7,13 +7,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import sample_roots
 from neural_strands.synthesis.collision import keep_outside
 from neural_strands.synthesis.comb import ScalpFrame
 from neural_strands.synthesis.detail import add_detail
-from neural_strands.synthesis.distance_grid import DistanceGrid
 from neural_strands.synthesis.grow import grow
 from neural_strands.synthesis.pigment import draw_melanin, melanin_colour
 from neural_strands.synthesis.styles import Melanin, Style
@@ -22,6 +22,8 @@ FULL_HEAD = 100_000
 """Strands on a real head."""
 NATURAL_WIDTH = 0.00008
 """Thickness of a real strand (m)."""
+GRID_SPACING, GRID_MARGIN = 0.006, 0.03
+"""Of the grid of distances that growing looks up, metres."""
 FEWEST, MOST = 100, 1_000_000
 """Strands that a groom may have."""
 
@@ -36,7 +38,7 @@ def make_groom(head: Head, style: Style, melanin: Melanin, count: int, generator
         raise InputError(f"strands: expected {FEWEST} to {MOST}, got {count}; choose a number between.")
     roots = sample_roots(head, count, generator)
     normals = roots.normal
-    grid = DistanceGrid.build(head.mesh)
+    grid = SignedDistanceGrid.build(head.mesh, GRID_SPACING, GRID_MARGIN)
     points = grow(roots, ScalpFrame.of(head), grid, style, generator)
     points = add_detail(points, normals, style, generator)
     points = keep_outside(points, grid, head.mesh)

@@ -4,9 +4,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.scalp.roots import Roots
 from neural_strands.synthesis.comb import ScalpFrame, comb_directions
-from neural_strands.synthesis.distance_grid import DistanceGrid
 from neural_strands.synthesis.shorten import shorten
 from neural_strands.synthesis.styles import Style
 
@@ -25,7 +25,7 @@ CLEARANCE = 0.0006
 
 
 def grow(
-    roots: Roots, frame: ScalpFrame, grid: DistanceGrid, style: Style, generator: torch.Generator
+    roots: Roots, frame: ScalpFrame, grid: SignedDistanceGrid, style: Style, generator: torch.Generator
 ) -> Float[Tensor, "root 100 3"]:
     """Integrate one smooth strand of POINTS points from each root.
 
@@ -90,7 +90,7 @@ def _lifted(
     direction: Float[Tensor, "root 3"],
     step: Float[Tensor, "root 1"],
     height: Float[Tensor, "root 1"],
-    grid: DistanceGrid,
+    grid: SignedDistanceGrid,
 ) -> tuple[Float[Tensor, "root 3"], Float[Tensor, "root 1"], Float[Tensor, "root 3"]]:
     """Turn directions so that a step ends `height` above the skin or climbs towards it.
 
@@ -99,7 +99,7 @@ def _lifted(
     """
     above, outward = torch.zeros_like(height), torch.zeros_like(point)
     for _ in range(2):
-        distance, outward = grid.sample(point + step * direction)
+        distance, outward = grid.with_outward(point + step * direction)
         above = distance[:, None] - height
         missing = (-above).clamp(min=0.0).minimum(step)
         direction = torch.nn.functional.normalize(direction + missing / step * outward, dim=-1)

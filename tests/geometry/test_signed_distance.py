@@ -5,6 +5,7 @@ import math
 
 import pytest
 import torch
+import trimesh
 
 from neural_strands.geometry.closest import MeshIndex, closest_points, closest_points_reference
 from neural_strands.geometry.distance_grid import SignedDistanceGrid, trilinear_reference
@@ -143,3 +144,20 @@ def test_grid_is_close_to_the_mesh_and_to_its_twin(generator):
     # Trilinear error is at most the distance within a cell where the field has creases.
     assert (value - cube_distance(points, 0.2))[within].abs().max() < 0.005
     assert (value - cube_distance(points, 0.2))[within].abs().mean() < 0.0005
+
+
+def test_a_grid_is_as_exact_as_it_says_and_knows_which_way_is_out(generator):
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.08)
+    mesh = Mesh(torch.tensor(ball.vertices).float(), torch.tensor(ball.faces).long())
+    grid = SignedDistanceGrid.build(mesh, spacing=0.006)
+    points = (torch.rand(2000, 3, generator=generator) - 0.5) * 0.2
+    distance, outward = grid.with_outward(points)
+    exact = points.norm(dim=-1) - 0.08
+    assert (distance - exact).abs().max() < grid.largest_error
+    torch.testing.assert_close(distance, grid(points), atol=1e-5, rtol=0)
+    near = exact.abs() < 0.02
+    radial = torch.nn.functional.normalize(points, dim=-1)
+    assert ((outward * radial).sum(dim=-1)[near] > 0.97).all()
+    far, ahead = grid.with_outward(torch.tensor([[0.0, 5.0, 0.0], [3.0, 0.0, 0.0]]))
+    assert (far < 0.03).all()
+    torch.testing.assert_close(ahead, torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), atol=0.05, rtol=0)
