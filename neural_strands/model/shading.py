@@ -41,7 +41,7 @@ class PointShading(nn.Module):
         inputs = [features + 3 + 1 + 3 + 2, *([hidden] * (config.layers - 1))] if hidden else []
         self.inner = nn.ParameterList(torch.randn(hidden, size, generator=generator) / size**0.5 for size in inputs)
         self.biases = nn.ParameterList(torch.zeros(hidden) for _ in inputs)
-        self.outer = nn.Parameter(torch.zeros(3, hidden))
+        self.outer = nn.Parameter(torch.zeros(3 * (1 + features), hidden))
 
     def forward(
         self, descriptor: Float[Tensor, "point descriptor"], view: Float[Tensor, "point 3"]
@@ -56,4 +56,7 @@ class PointShading(nn.Module):
         hidden = torch.cat([descriptor, view, along, 1 - along.square()], dim=1)
         for weight, bias in zip(self.inner, self.biases, strict=True):
             hidden = F.silu(F.linear(hidden, weight, bias))
-        return colour + F.linear(hidden, self.outer)
+        # Light that reaches a point is its own; how a fibre sends it on depends on direction and view alone.
+        response = F.linear(hidden, self.outer).unflatten(1, (3, 1 + features))
+        own = F.pad(descriptor[:, :features], (1, 0), value=1.0)
+        return colour + (response @ own[:, :, None]).squeeze(2)

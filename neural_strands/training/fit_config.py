@@ -13,6 +13,9 @@ from neural_strands.training.trimap import TrimapConfig
 
 Preset = Literal["demo", "fast", "paper"]
 
+KNOTTED = ScalpTextureConfig(appearance_size=256, appearance_knots=4)
+"""As many numbers as the paper's appearance texture, four descriptors along each strand instead of finer texels."""
+
 
 @dataclass(frozen=True)
 class FitWeights:
@@ -42,7 +45,7 @@ class FitRates:
 
     shape: float = 4e-3
     """Z_g, in units of the prior's latent (about 1 across hair)."""
-    appearance: float = 3e-3
+    appearance: float = 5e-3
     """Z_a."""
     network: float = 2e-3
     """UNet weights."""
@@ -86,22 +89,27 @@ class FitConfig:
     """Weights of the losses."""
     rates: FitRates = field(default_factory=FitRates)
     """Learning rates."""
-    schedule: ScheduleConfig = field(default_factory=lambda: ScheduleConfig(widest_blur=2.0, release_until=0.0))
-    """Coarse to fine, root to tip, and when images begin. Traced first strands need little of the first two."""
+    schedule: ScheduleConfig = field(
+        default_factory=lambda: ScheduleConfig(
+            widest_blur=2.0, release_until=0.0, geometry_only=0.1, perceptual_from=0.6, final_rate=0.02
+        )
+    )
+    """Coarse to fine, root to tip, and when images begin. Traced first strands need little of any of these."""
     chamfer: ChamferConfig = field(default_factory=ChamferConfig)
     """The geometric loss."""
     trimap: TrimapConfig = field(default_factory=TrimapConfig)
     """The alpha loss."""
     initial: InitialConfig = field(default_factory=InitialConfig)
     """First strands."""
-    model: HairModelConfig = field(default_factory=HairModelConfig)
+    model: HairModelConfig = field(default_factory=lambda: HairModelConfig(textures=KNOTTED))
     """Textures, UNet, body and background."""
 
 
 def preset(name: Preset) -> FitConfig:
     """The settings behind a name: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU."""
     small = HairModelConfig(
-        textures=ScalpTextureConfig(shape_size=128, appearance_size=256), unet=UNetConfig(widths=(12, 24, 32))
+        textures=ScalpTextureConfig(shape_size=128, appearance_size=128, appearance_knots=4),
+        unet=UNetConfig(widths=(12, 24, 32)),
     )
     configs = {
         "demo": FitConfig(steps=500, strands=6000, strands_per_step=2000, step_points=40, crop=128, model=small),
@@ -115,7 +123,9 @@ def preset(name: Preset) -> FitConfig:
             targets_per_step=200_000,
             crop=1024,
             shape_every=2,
-            model=HairModelConfig(unet=UNetConfig(widths=(32, 64, 96, 128))),
+            model=HairModelConfig(
+                textures=ScalpTextureConfig(appearance_knots=4), unet=UNetConfig(widths=(32, 64, 96, 128))
+            ),
         ),
     }
     return configs[name]
