@@ -43,15 +43,43 @@ class Gallery:
     columns: int = 3
 
 
-def write_page(path: Path, title: str, summary: str, tables: list[Table], galleries: list[Gallery]) -> None:
+@dataclass(frozen=True)
+class Turntable:
+    """Moving pictures of a full turn, side by side.
+
+    Attributes:
+        title: what turns.
+        strips: caption and WebP of each: square frames, evenly spaced over the turn, one below the other.
+        frames: how many each strip holds.
+        seconds: duration of a turn.
+    """
+
+    title: str
+    strips: tuple[tuple[str, bytes], ...]
+    frames: int
+    seconds: float = 4.0
+
+
+def write_page(
+    path: Path,
+    title: str,
+    summary: str,
+    tables: list[Table],
+    galleries: list[Gallery],
+    turntable: Turntable | None = None,
+) -> None:
     """Write the page; pictures are embedded.
 
     Raises:
         InputError: the file cannot be written.
     """
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["embedded"] = lambda data: "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+    environment.filters["embedded"] = _embedded
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    page = template.render(title=title, summary=summary, tables=tables, galleries=galleries)
+    page = template.render(title=title, summary=summary, tables=tables, galleries=galleries, turntable=turntable)
     with atomic_file(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
+
+
+def _embedded(data: bytes, kind: str = "png") -> str:
+    return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")

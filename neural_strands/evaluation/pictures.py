@@ -32,6 +32,16 @@ def png(image: Float[Tensor, "height width channel"]) -> bytes:
     return data.tobytes()
 
 
+def strip(frames: Sequence[Float[Tensor, "height width 3"]], quality: int = 85) -> bytes:
+    """Encode sRGB images of one size, in [0, 1], as one WebP, each below the one before."""
+    stacked = torch.cat(list(frames)).detach().clamp(0, 1).mul(255).round().byte().cpu().numpy()
+    settings = [cv2.IMWRITE_WEBP_QUALITY, quality]
+    encoded, data = cv2.imencode(".webp", np.ascontiguousarray(stacked[..., ::-1]), settings)
+    if not encoded:
+        raise ValueError(f"images of shape {tuple(stacked.shape)} in all could not be encoded as WebP")
+    return data.tobytes()
+
+
 def difference(
     rendered: Float[Tensor, "height width 3"], truth: Float[Tensor, "height width 3"], gain: float = 4.0
 ) -> Float[Tensor, "height width 3"]:
@@ -45,14 +55,14 @@ def geometry_picture(
 ) -> Float[Tensor, "height width 3"]:
     """Strands (or segments, as strands of two points) on a shaded head, coloured by their direction in space."""
     fine = camera.resized(2 * camera.width, 2 * camera.height)
-    image = torch.full((fine.height, fine.width, 3), PAPER)
+    image = torch.full((fine.height, fine.width, 3), PAPER, device=lines.device)
     depth = None
     if head is not None:
         seen = rasterise_triangles(head.vertices, head.faces, fine)
         depth = seen.depth
         facing = (face_normals(head) @ -camera.rotation[2]).abs()
         shaded = 0.35 + 0.65 * facing[seen.face.clamp(min=0)]
-        image = torch.where((seen.face >= 0)[..., None], shaded[..., None] * torch.tensor(SKIN), image)
+        image = torch.where((seen.face >= 0)[..., None], shaded[..., None] * image.new_tensor(SKIN), image)
     buffer = rasterise_lines(lines, fine, depth)
     drawn = buffer.segment >= 0
     per_strand = lines.shape[1]

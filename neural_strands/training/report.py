@@ -1,16 +1,14 @@
 """The report of a run: the paper's tables for this capture, and pictures, on one page."""
 
-import math
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.evaluation.geometry_metrics import GeometryScore
-from neural_strands.evaluation.page import Gallery, Table, write_page
-from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png
+from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
+from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png, strip
 from neural_strands.foundation.files import atomic_file
-from neural_strands.geometry.cameras import Camera
+from neural_strands.model.turntable import turntable_cameras
 from neural_strands.training.evaluate import Evaluation, RunContents, mean_of, read_losses
 from neural_strands.training.fit_data import segment_lines
 from neural_strands.training.trimap import make_trimap
@@ -25,7 +23,12 @@ PAPER_ROWS = {
 PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811")
 PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
 MOST_VIEWS = 4
-TURNTABLE_VIEWS = 8
+TURN_FRAMES, STILL_EVERY = 24, 3
+"""Frames of the turntable, and every how manieth is shown as a still too."""
+TURN_SIDE = 512
+"""Largest side of a frame as it is rendered, pixels: about the scale that renderers are trained at."""
+STRIP_SIDE = 288
+"""Side of a frame of the moving picture, pixels."""
 
 
 def write_report(run: RunContents, result: Evaluation) -> None:
@@ -37,7 +40,8 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     tables = [_images_table(result), _time_table(result)]
     if result.ours:
         tables.insert(0, _geometry_table(result))
-    galleries = [_views_gallery(result), _alpha_gallery(run, result), _geometry_gallery(run), _turntable(run)]
+    turntable, stills = _turntable(run)
+    galleries = [_views_gallery(result), _alpha_gallery(run, result), _geometry_gallery(run), stills]
     losses = read_losses(run.folder.log)
     if losses:
         galleries.append(Gallery("Losses", (("mean of each step's figures", curves(losses, "losses")),), columns=1))
@@ -46,7 +50,7 @@ def write_report(run: RunContents, result: Evaluation) -> None:
         f"{run.capture.folder.name}; {run.segments.segment_count} line segments."
     )
     title = f"Neural Strands: {run.capture.folder.name}"
-    write_page(run.folder.report / "index.html", title, summary, tables, galleries)
+    write_page(run.folder.report / "index.html", title, summary, tables, galleries, turntable)
     with atomic_file(run.folder.report / "summary.png") as temporary:
         temporary.write_bytes(png(_summary(run, result)))
 
@@ -139,22 +143,23 @@ def _geometry_gallery(run: RunContents) -> Gallery:
 
 
 @torch.no_grad()
-def _turntable(run: RunContents) -> Gallery:
-    pictures = []
-    for k in range(TURNTABLE_VIEWS):
-        camera = turntable_camera(run.strands.points, run.capture.cameras[run.shown[0]], k / TURNTABLE_VIEWS)
-        shown = run.model.render(run.strands, camera).rgb
-        pictures.append((f"{360 * k // TURNTABLE_VIEWS} degrees", png(shown)))
-    return Gallery("Turntable", tuple(pictures), columns=4)
+def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
+    """A turn about the hair, as the model renders it and as strands by direction; and some frames to look at."""
+    shown = run.capture.cameras[run.shown[0]]
+    side = min(TURN_SIDE, shown.width, shown.height)
+    cameras = turntable_cameras(run.strands.points, TURN_FRAMES, (side, side))
+    rendered = [run.model.render(run.strands, camera).rgb.clamp(0, 1).cpu() for camera in cameras]
+    drawn = [geometry_picture(run.strands.points, camera, run.head.mesh).cpu() for camera in cameras]
+    strips = tuple(
+        (caption, strip([_shrunk(frame) for frame in frames]))
+        for caption, frames in (("rendered", rendered), ("strands, coloured by direction", drawn))
+    )
+    stills = tuple((f"{360 * k // TURN_FRAMES} degrees", png(rendered[k])) for k in range(0, TURN_FRAMES, STILL_EVERY))
+    return Turntable("Turntable", strips, TURN_FRAMES), Gallery("Turntable, stills", stills, columns=4)
 
 
-def turntable_camera(points: Float[Tensor, "strand point 3"], like: Camera, turn: float) -> Camera:
-    """A square camera as far from the hair as `like` is, a little above it, after `turn` of a full turn around it."""
-    centre = points.reshape(-1, 3).mean(dim=0)
-    distance = (like.position.to(centre) - centre).norm()
-    angle = 2 * math.pi * turn
-    offset = torch.tensor([math.sin(angle), 0.25, math.cos(angle)]).to(centre)
-    side = min(like.width, like.height)
-    focal = float(like.intrinsics[0, 0]) * side / like.width
-    eye = centre + distance * torch.nn.functional.normalize(offset, dim=0)
-    return Camera.look_at(eye, centre, focal, (side, side), f"turn {turn:.3f}")
+def _shrunk(frame: Float[Tensor, "side side 3"]) -> Float[Tensor, "small small 3"]:
+    """A frame of the moving picture."""
+    small = min(STRIP_SIDE, len(frame))
+    planes = torch.nn.functional.interpolate(frame.permute(2, 0, 1)[None], (small, small), mode="area")
+    return planes[0].permute(1, 2, 0)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from neural_strands.evaluation.page import Gallery, Table, write_page
-from neural_strands.evaluation.pictures import PAPER, curves, difference, geometry_picture, png
+from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
+from neural_strands.evaluation.pictures import PAPER, curves, difference, geometry_picture, png, strip
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 
@@ -65,6 +65,20 @@ def test_page_holds_tables_and_pictures_and_escapes_text(tmp_path, generator):
     (embedded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert base64.b64decode(embedded) == picture
     assert not re.search(r"(src|href)=\"(?!data:)", page)
+
+
+def test_a_turntable_holds_its_frames_one_below_the_other(tmp_path):
+    frames = [torch.full((8, 8, 3), level) for level in (0.2, 0.5, 0.8)]
+    turntable = Turntable("Turntable", (("rendered", strip(frames)),), len(frames), seconds=2.0)
+    write_page(tmp_path / "page.html", "Title", "Summary", [], [], turntable)
+    page = (tmp_path / "page.html").read_text()
+    (embedded,) = re.findall(r"url\(data:image/webp;base64,([^)]+)\)", page)
+    image = decoded(base64.b64decode(embedded))
+    assert image.shape == (24, 8, 3)
+    torch.testing.assert_close(image[4::8, 4, 0], torch.tensor([51, 128, 204], dtype=torch.uint8), atol=3, rtol=0)
+    assert "turn 2.0s steps(3, jump-none) infinite" in page
+    assert "background-size: 100% 300%" in page
+    assert 'max="2"' in page
 
 
 def test_images_that_are_none_are_refused():
