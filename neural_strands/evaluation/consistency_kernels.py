@@ -6,7 +6,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from neural_strands.geometry.point_kernels import cell_along, outside_grid, row_span
+from neural_strands.geometry.point_kernels import outside_grid, row_of, row_on_ring, row_span, rows_on_ring
 
 
 @wp.func
@@ -59,11 +59,11 @@ def consistency_kernel(
     for i in range(offsets[strand], offsets[strand + 1]):
         query = true_points[i]
         if not outside_grid(query, radius, lower, cells, cell):
-            centre_y = cell_along(query[1], lower[1], 1.0 / cell)
-            centre_z = cell_along(query[2], lower[2], 1.0 / cell)
-            for y in range(centre_y - reach, centre_y + reach + 1):
-                for z in range(centre_z - reach, centre_z + reach + 1):
-                    span = row_span(query, y, z, radius, lower, cells, cell, mask, starts)
+            centre = row_of(query, lower, cell)
+            for ring in range(reach + 1):
+                for place in range(rows_on_ring(ring)):
+                    row = row_on_ring(centre, ring, place)
+                    span = row_span(query, row, radius, lower, cells, cell, mask, starts)
                     for k in range(span[0], span[1]):
                         offset = points[k] - query
                         alike = wp.abs(wp.dot(true_directions[i], directions[k])) >= cosine

@@ -84,13 +84,14 @@ def overlay(
 
 
 def curves(series: Mapping[str, Sequence[tuple[float, float]]], title: str) -> bytes:
-    """Loss curves on a logarithmic axis, as PNG."""
+    """Loss curves on a logarithmic axis, as PNG; what is zero is left out."""
     figure = Figure(figsize=(7, 3.2), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for name, points in series.items():
-        if points:
-            axes.plot([x for x, _ in points], [y for _, y in points], label=name, linewidth=1.2)
+        shown = [(x, y) for x, y in points if y > 0]
+        if shown:
+            axes.plot(*zip(*shown, strict=True), label=name, linewidth=1.2)
     axes.set_yscale("log")
     axes.set_xlabel("step")
     axes.set_title(title)

@@ -68,10 +68,40 @@ def place_points(
 
 @wp.func
 @no_type_check
+def row_of(point: wp.vec3, lower: wp.vec3, cell: float) -> wp.vec2i:
+    """The y and z of the row of cells that holds a point."""
+    return wp.vec2i(cell_along(point[1], lower[1], 1.0 / cell), cell_along(point[2], lower[2], 1.0 / cell))
+
+
+@wp.func
+@no_type_check
+def rows_on_ring(ring: int) -> int:
+    """How many rows lie `ring` rows from one, along y or z; itself on ring 0."""
+    return wp.max(8 * ring, 1)
+
+
+@wp.func
+@no_type_check
+def row_on_ring(centre: wp.vec2i, ring: int, k: int) -> wp.vec2i:
+    """The y and z of the k-th of those rows: along the four sides of a square, each without its last corner."""
+    if ring == 0:
+        return centre
+    side = k // (2 * ring)
+    along = k - side * 2 * ring - ring
+    if side == 0:
+        return wp.vec2i(centre[0] - ring, centre[1] + along)
+    if side == 1:
+        return wp.vec2i(centre[0] + along, centre[1] + ring)
+    if side == 2:
+        return wp.vec2i(centre[0] + ring, centre[1] - along)
+    return wp.vec2i(centre[0] - along, centre[1] - ring)
+
+
+@wp.func
+@no_type_check
 def row_span(
     query: wp.vec3,
-    y: int,
-    z: int,
+    row: wp.vec2i,
     reach: float,
     lower: wp.vec3,
     cells: wp.vec3i,
@@ -79,7 +109,9 @@ def row_span(
     mask: int,
     starts: wp.array[int],
 ) -> wp.vec2i:
-    """The stretch of sorted points in the row at (y, z) whose cells come within `reach` of the query."""
+    """The stretch of sorted points in a row (y, z) whose cells come within `reach` of the query."""
+    y = row[0]
+    z = row[1]
     if y < 0 or z < 0 or y >= cells[1] or z >= cells[2]:
         return wp.vec2i(0, 0)
     below = lower[1] + float(y) * cell - query[1]
@@ -132,24 +164,22 @@ def nearest_kernel(
     query = queries[i]
     if outside_grid(query, radius, lower, cells, cell):
         return
-    centre_y = cell_along(query[1], lower[1], 1.0 / cell)
-    centre_z = cell_along(query[2], lower[2], 1.0 / cell)
+    centre = row_of(query, lower, cell)
     best = radius * radius
     chosen = wp.int32(-1)
     rings = int(radius / cell) + 2
     for ring in range(rings):
         if float(ring - 1) * cell > wp.sqrt(best):
             break
-        for dy in range(-ring, ring + 1):
-            step = wp.where(wp.abs(dy) == ring, 1, wp.max(2 * ring, 1))
-            for dz in range(-ring, ring + 1, step):
-                span = row_span(query, centre_y + dy, centre_z + dz, wp.sqrt(best), lower, cells, cell, mask, starts)
-                for k in range(span[0], span[1]):
-                    offset = points[k] - query
-                    square = wp.dot(offset, offset)
-                    if square < best or (square == best and (chosen < 0 or order[k] < chosen)):
-                        best = square
-                        chosen = order[k]
+        for place in range(rows_on_ring(ring)):
+            row = row_on_ring(centre, ring, place)
+            span = row_span(query, row, wp.sqrt(best), lower, cells, cell, mask, starts)
+            for k in range(span[0], span[1]):
+                offset = points[k] - query
+                square = wp.dot(offset, offset)
+                if square < best or (square == best and (chosen < 0 or order[k] < chosen)):
+                    best = square
+                    chosen = order[k]
     if chosen >= 0:
         distance[i] = wp.sqrt(best)
         index[i] = chosen
@@ -180,8 +210,7 @@ def levels_kernel(
     if outside_grid(query, radii[levels - 1], lower, cells, cell):
         return
     direction = query_directions[i]
-    centre_y = cell_along(query[1], lower[1], 1.0 / cell)
-    centre_z = cell_along(query[2], lower[2], 1.0 / cell)
+    centre = row_of(query, lower, cell)
     unsigned = int(levels)
     signed = int(levels)
     reach = float(radii[levels - 1])
@@ -189,31 +218,30 @@ def levels_kernel(
     for ring in range(rings):
         if signed == 0 or float(ring - 1) * cell > reach:
             break
-        for dy in range(-ring, ring + 1):
-            step = wp.where(wp.abs(dy) == ring, 1, wp.max(2 * ring, 1))
-            for dz in range(-ring, ring + 1, step):
-                if signed > 0:
-                    span = row_span(query, centre_y + dy, centre_z + dz, reach, lower, cells, cell, mask, starts)
-                    for k in range(span[0], span[1]):
-                        offset = points[k] - query
-                        square = wp.dot(offset, offset)
-                        if square <= reach * reach:
-                            cosine = wp.dot(direction, directions[k])
-                            while (
-                                unsigned > 0
-                                and square <= radii[unsigned - 1] * radii[unsigned - 1]
-                                and wp.abs(cosine) >= cosines[unsigned - 1]
-                            ):
-                                unsigned -= 1
-                            while (
-                                signed > 0
-                                and square <= radii[signed - 1] * radii[signed - 1]
-                                and cosine >= cosines[signed - 1]
-                            ):
-                                signed -= 1
-                            # A signed match is an unsigned one: the signed level is never the stricter.
-                            reach = radii[wp.max(signed - 1, 0)]
-                            if signed == 0:
-                                break
+        for place in range(rows_on_ring(ring)):
+            if signed > 0:
+                row = row_on_ring(centre, ring, place)
+                span = row_span(query, row, reach, lower, cells, cell, mask, starts)
+                for k in range(span[0], span[1]):
+                    offset = points[k] - query
+                    square = wp.dot(offset, offset)
+                    if square <= reach * reach:
+                        cosine = wp.dot(direction, directions[k])
+                        while (
+                            unsigned > 0
+                            and square <= radii[unsigned - 1] * radii[unsigned - 1]
+                            and wp.abs(cosine) >= cosines[unsigned - 1]
+                        ):
+                            unsigned -= 1
+                        while (
+                            signed > 0
+                            and square <= radii[signed - 1] * radii[signed - 1]
+                            and cosine >= cosines[signed - 1]
+                        ):
+                            signed -= 1
+                        # A signed match is an unsigned one: the signed level is never the stricter.
+                        reach = radii[wp.max(signed - 1, 0)]
+                        if signed == 0:
+                            break
     unsigned_level[i] = unsigned
     signed_level[i] = signed
