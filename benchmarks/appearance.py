@@ -23,7 +23,8 @@ from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.strands import Strands, directions
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
@@ -36,12 +37,12 @@ from neural_strands.raster.visible import visible_points
 from neural_strands.scalp.chart import chart_faces
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import attach_roots
-from neural_strands.training.appearance import AppearanceConfig, fit_appearance
 from neural_strands.training.first_colours import strand_colours
+from neural_strands.training.fit import FitState, fit, start_fit
+from neural_strands.training.fit_config import KNOTTED, FitConfig, FitWeights
 from neural_strands.training.observation import Observation
-
-EVERY = 5
-"""One view in this many is held out."""
+from neural_strands.training.prepare import held_out_views, prepare, training_views
+from neural_strands.training.schedule import ScheduleConfig
 
 
 @dataclass(frozen=True)
@@ -52,35 +53,62 @@ class Arguments:
     """A capture with true strands and hair masks."""
     out: Path = Path("appearance")
     """Folder of the pictures and the fitted model."""
-    scale: float = 1.0
-    """Size of the photographs used, as a fraction of their own."""
     plain: bool = False
     """The strided UNet in place of the alias-free one."""
     widths: tuple[int, ...] = (16, 32, 48, 64)
     """Channels of the UNet's levels."""
     shading: ShadingConfig = field(default_factory=ShadingConfig)
     """The point shader."""
-    textures: ScalpTextureConfig = field(default_factory=lambda: ScalpTextureConfig(appearance_knots=1))
+    textures: ScalpTextureConfig = KNOTTED
     """The appearance texture."""
     supersample: int = 3
     """Line pixels for each image pixel, along each axis."""
+    steps: int = 2400
+    """Gradient steps, one region each."""
+    crop: int = 160
+    """Side of a region, pixels."""
+    perceptual: float = 0.04
+    """Weight of LPIPS."""
+    perceptual_from: float = 0.6
+    """Share of the steps after which LPIPS counts."""
     seed: int = 0
-    """Of first weights, views and crops."""
+    """Of first weights, views and regions."""
     report_every: int = 250
     """Steps between scores of some held-out views on standard error."""
-    fit: AppearanceConfig = field(default_factory=AppearanceConfig)
-    """Steps and rates."""
+
+    def config(self) -> FitConfig:
+        """The end-to-end fit's, with the shape at rest and images from the first step."""
+        model = HairModelConfig(
+            textures=self.textures,
+            unet=UNetConfig(self.widths, alias_free=not self.plain),
+            shading=self.shading,
+            supersample=self.supersample,
+        )
+        return FitConfig(
+            steps=self.steps,
+            crop=self.crop,
+            shape_every=0,
+            seed=self.seed,
+            weights=FitWeights(perceptual=self.perceptual),
+            schedule=ScheduleConfig(geometry_only=0.0, perceptual_from=self.perceptual_from, final_rate=0.02),
+            model=model,
+        )
 
 
-def observation(capture: Capture, index: int, scale: float) -> Observation:
-    """One photograph with its camera and mask, resized by area."""
-    camera, image, mask = capture.cameras[index], capture.image(index), capture.hair_mask(index)
+def observation(capture: Capture, index: int) -> Observation:
+    """One photograph with its camera and mask."""
+    mask = capture.hair_mask(index)
     if mask is None:
         sys.exit(f"{capture.folder}: view {index} has no hair mask; this benchmark needs them")
-    width, height = round(camera.width * scale), round(camera.height * scale)
-    planes = torch.cat([image, mask[..., None]], dim=-1).permute(2, 0, 1)[None]
-    planes = F.interpolate(planes, size=(height, width), mode="area")[0].permute(1, 2, 0)
-    return Observation(camera.resized(width, height), planes[..., :3], planes[..., 3])
+    return Observation(capture.cameras[index], capture.image(index), mask)
+
+
+def strand_segments(strands: Strands) -> LineSegments:
+    """The true strands as line segments: what trimaps and checks look at."""
+    count, points = strands.points.shape[:2]
+    number = torch.arange(count).repeat_interleave(points)
+    along = directions(strands.points)
+    return LineSegments(strands.points.flatten(0, 1), along.flatten(0, 1), torch.ones(count * points), number)
 
 
 def known_colours(model: HairModel, strands: Strands, targets: list[Observation]) -> torch.Tensor:
@@ -136,33 +164,31 @@ def summary(rows: list[list[float]]) -> dict[str, float]:
 
 def main(arguments: Arguments) -> None:
     """Fit, score, and print one JSON object."""
-    capture = Capture.load(arguments.capture)
+    capture, config = Capture.load(arguments.capture), arguments.config()
     if capture.ground_truth is None or capture.head is None or capture.scalp_faces is None:
         sys.exit(f"{arguments.capture}: expected head.obj, scalp_faces.json and ground_truth.npz")
     head = Head(capture.head, capture.scalp_faces, chart_faces(capture.head, capture.scalp_faces))
     roots = attach_roots(head, capture.ground_truth.points[:, 0])
     strands = replace(capture.ground_truth, root_uv=roots.uv)
-    views = [observation(capture, index, arguments.scale) for index in range(len(capture))]
-    held = [view for index, view in enumerate(views) if index % EVERY == EVERY - 1]
-    train = [view for index, view in enumerate(views) if index % EVERY != EVERY - 1]
-    config = HairModelConfig(
-        unet=UNetConfig(arguments.widths, alias_free=not arguments.plain),
-        shading=arguments.shading,
-        textures=arguments.textures,
-        supersample=arguments.supersample,
-    )
+    held = [observation(capture, index) for index in held_out_views(capture, config)]
+    train = [observation(capture, index) for index in training_views(capture, config)]
     first = torch.Generator().manual_seed(arguments.seed)
-    model = HairModel(config, roots, StrandGenerator(), capture.head, first)
+    model = HairModel(config.model, roots, StrandGenerator(), capture.head, first)
     lpips, reason = find_lpips("squeeze", fetch=False)
     begin = time.perf_counter()
-    steps = 0
-    for loss in fit_appearance(model, strands, train, arguments.fit, first, lpips):
-        steps += 1
-        if steps % arguments.report_every == 0:
+
+    def report(state: FitState, figures: dict[str, float]) -> None:
+        if state.step % arguments.report_every == 0:
             with torch.no_grad():
                 now = [scores(model.render(strands, target.camera).rgb, target, lpips) for target in held[1::3]]
             elapsed = (time.perf_counter() - begin) / 60
-            sys.stderr.write(f"step {steps}, {elapsed:.1f} min: loss {loss:.4f}, held out {summary(now)}\n")
+            loss = sum(figures[name] for name in ("render", "perceptual", "alpha"))
+            sys.stderr.write(f"step {state.step}, {elapsed:.1f} min: loss {loss:.4f}, held out {summary(now)}\n")
+
+    state = start_fit(model, config)
+    state.drawn = strands.points
+    data = prepare(capture, head, strand_segments(strands), config, torch.device("cpu"))
+    fit(state, data, config, lpips, after_step=report)
     seconds = time.perf_counter() - begin
     rows: dict[str, list[list[float]]] = {name: [] for name in ("model", "strand_colour", "warp")}
     save_hair_model(model, arguments.out / "model", {"benchmark": "appearance"})
@@ -180,14 +206,14 @@ def main(arguments: Arguments) -> None:
             row = torch.cat([pictures["model"], target.image, pictures["strand_colour"], pictures["warp"]], dim=1)
             pixels = row.clamp(0, 1).mul(255).round().byte().numpy()[..., ::-1]
             cv2.imwrite(str(arguments.out / f"{Path(target.camera.name).stem}.png"), pixels)
-        trained = [scores(model.render(strands, target.camera).rgb, target, lpips) for target in train[::EVERY]]
+        trained = [scores(model.render(strands, target.camera).rgb, target, lpips) for target in train[::5]]
     figures = {
         "capture": capture.folder.name,
         "views": {"train": len(train), "held_out": len(held)},
         "held_out": {name: summary(values) for name, values in rows.items()},
         "train": summary(trained),
         "each_held_out": [[round(value, 4) for value in row] for row in rows["model"]],
-        "steps": steps,
+        "steps": state.step,
         "minutes": round(seconds / 60, 1),
         "threads": torch.get_num_threads(),
         "peak_gigabytes": round(peak_memory() / 1e9, 2),

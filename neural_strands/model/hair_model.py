@@ -6,6 +6,7 @@ by their roots' place on the scalp chart.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -57,28 +58,16 @@ class HairModelConfig:
         return self.textures.appearance_channels + 3 + 1 + 3 + 3 + 1
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """What a camera sees of given strands and of the body: nothing learned, so it can be kept while they stay.
+class Drawing(NamedTuple):
+    """What a camera sees of given strands and of the body, at `supersample` times the image's resolution.
 
     Attributes:
-        body: faces seen, at `supersample` times the image's resolution.
-        lines: segments seen, likewise.
+        body: faces seen.
+        lines: segments seen.
     """
 
     body: TriangleBuffer
     lines: LineBuffer
-
-    def cropped(self, left: int, top: int, width: int, height: int) -> "Drawing":
-        """Part of the drawing, in its own pixels: what `Camera.cropped` sees."""
-        part = (slice(top, top + height), slice(left, left + width))
-        body = TriangleBuffer(
-            *(plane[part].contiguous() for plane in (self.body.face, self.body.barycentric, self.body.depth))
-        )
-        lines = LineBuffer(
-            *(plane[part].contiguous() for plane in (self.lines.segment, self.lines.position, self.lines.depth))
-        )
-        return Drawing(body, lines)
 
 
 @dataclass(frozen=True)
@@ -164,23 +153,20 @@ class HairModel(nn.Module):
         body = rasterise_triangles(self.body.vertices, self.body.faces, fine)
         return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.config.lines))
 
-    def render(
-        self, strands: Strands, camera: Camera, blur: float = 0.0, drawing: Drawing | None = None
-    ) -> RenderOutput:
+    def render(self, strands: Strands, camera: Camera, blur: float = 0.0) -> RenderOutput:
         """Render strands from one view.
 
         Args:
             strands: world metres; `root_uv` says whose appearance each has.
             camera: the view, of any size.
             blur: standard deviation, in texels, of the blur of the gradient into Z_a.
-            drawing: what this camera sees of these strands, if `draw` was called before.
 
         Raises:
             ValueError: strands without `root_uv`.
         """
         factor = self.config.supersample
         camera = camera.to(self.root_uv.device)
-        drawing = drawing or self.draw(strands, camera)
+        drawing = self.draw(strands, camera)
         body = self.body(camera, drawing.body)
         maps = self.splat_descriptors(strands, drawing.lines, camera, blur)
         raw = self.generate(maps, camera)

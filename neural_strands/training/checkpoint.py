@@ -38,11 +38,14 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     try:
         content = torch.load(path, map_location=device, weights_only=True)
         learned = content["model"]
-        broken = [name for name, value in learned.items() if value.is_floating_point() and not value.isfinite().all()]
-        if broken:
-            raise InputError(
-                f"{path}: expected finite weights, came NaN in {broken[0]}; delete the file to start anew."
-            )
+        moments = {
+            f"the optimiser's {name}": value
+            for state_of in content["optimiser"]["state"].values()
+            for name, value in state_of.items()
+        }
+        for name, value in {**learned, **moments, **{key: content[key] for key in ("remembered", "drawn")}}.items():
+            if value.is_floating_point() and not value.isfinite().all():
+                raise InputError(f"{path}: expected finite numbers, came NaN in {name}; delete the file to start anew.")
         missing, unexpected = state.model.load_state_dict(learned, strict=False)
         if unexpected or any(not name.startswith("generator.") for name in missing):
             raise KeyError(f"weights {[*unexpected, *missing][:3]} do not fit")

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.hair_model import Drawing, HairModel
+from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import visible_points
 from neural_strands.training.observation import Observation
@@ -52,9 +52,8 @@ def strand_colours(
     device = strands.points.device
     total, weight = torch.zeros(len(strands), 3, device=device), torch.zeros(len(strands), device=device)
     for target in targets:
-        drawing: Drawing = target.drawing or model.draw(strands, target.camera)
-        visible = visible_points(drawing.lines, strands.points)
-        factor = drawing.lines.depth.shape[0] // target.camera.height
+        visible = visible_points(model.draw(strands, target.camera).lines, strands.points)
+        factor = model.config.supersample
         fine = target.camera.width * factor
         row, column = visible.pixel // fine // factor, visible.pixel % fine // factor
         sure = torch.ones_like(visible.t) if target.mask is None else target.mask[row, column]

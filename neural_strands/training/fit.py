@@ -16,12 +16,11 @@ from torch.nn import Parameter
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.training.appearance import Perceptual, without_margin
 from neural_strands.training.first_colours import initialise_colours
 from neural_strands.training.fit_config import FitConfig
 from neural_strands.training.fit_data import FitData, random_region
-from neural_strands.training.losses import alpha_loss, rendering_loss
-from neural_strands.training.observation import Observation
+from neural_strands.training.losses import Perceptual, alpha_loss, rendering_loss
+from neural_strands.training.observation import Observation, Place
 from neural_strands.training.schedule import appearance_begins, blur_width, rate_factor, released_points
 from neural_strands.training.shape import decode_some, shape_losses
 from neural_strands.training.workers import Workers
@@ -96,8 +95,11 @@ def fit(
             group["lr"] = group["rate"] * factor
         state.optimiser.zero_grad(set_to_none=True)
         with_images = step >= images_from
-        shape_moves = not with_images or (step - images_from) % config.shape_every == 0
+        in_turn = config.shape_every > 0 and (step - images_from) % config.shape_every == 0
+        shape_moves = in_turn or not with_images
         figures: dict[str, float] = {}
+        if step == images_from:
+            _first_colours(state, data, config)
         if shape_moves:
             figures |= _shape_part(state, data, config, workers)
         if with_images:
@@ -110,8 +112,6 @@ def fit(
         state.step = step + 1
         if shape_moves and (with_images or step % REFRESH_EVERY == 0):
             _decode_all(state, config)
-        if state.step == images_from:
-            _first_colours(state, data)
         if after_step is not None:
             after_step(state, figures | {"step": float(state.step), "seconds": time.perf_counter() - began})
 
@@ -162,11 +162,12 @@ def _image_part(
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
         output = model.render(strands, target.camera)
-        inner = without_margin(target, config.margin)
-        image, photograph = output.rgb[inner], target.image[inner]
+        height, width = trimap.alpha.shape
+        inner = Place(0, 0, width, height).without_margin(config.margin).of
+        image, photograph = inner(output.rgb), inner(target.image)
         parts = {
             "render": weights.render * rendering_loss(image, photograph),
-            "alpha": weights.alpha * alpha_loss(output.alpha[inner], trimap.alpha[inner], trimap.supervised[inner]),
+            "alpha": weights.alpha * alpha_loss(inner(output.alpha), inner(trimap.alpha), inner(trimap.supervised)),
         }
         if perceptual is not None:
             parts["perceptual"] = weights.render * weights.perceptual * perceptual(image, photograph)
@@ -189,10 +190,10 @@ def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> F
     return state.drawn.index_copy(0, index, scaled)
 
 
-def _first_colours(state: FitState, data: FitData) -> None:
-    """Before the first image step: all strands decoded, and colours in closed form from the pixels that show them."""
-    with torch.no_grad():
-        state.drawn = state.model.decode().points
+def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
+    """Before the first image step: strands as they are now, and colours in closed form from pixels that show them."""
+    if config.shape_every > 0:
+        _decode_all(state, config)
     initialise_colours(state.model, Strands(state.drawn, root_uv=state.model.root_uv), data.observations())
 
 

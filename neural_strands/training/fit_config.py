@@ -76,7 +76,7 @@ class FitConfig:
     views_per_step: int = 1
     """Image regions of one step, shared out between processes."""
     shape_every: int = 8
-    """After the geometry-only phase, every how many steps the shape moves; the others train appearance alone."""
+    """After the geometry-only phase, every how many steps the shape moves; others train appearance alone. 0: never."""
     hold_out_every: int = 5
     """Every how manieth view is kept for evaluation and seen by nothing else; 0 keeps none."""
     initialise: Literal["flow", "mean"] = "flow"

@@ -10,9 +10,9 @@ from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import sample_roots
-from neural_strands.training.appearance import Perceptual
 from neural_strands.training.fit import fit
 from neural_strands.training.fit_config import FitConfig
+from neural_strands.training.losses import Perceptual
 from neural_strands.training.prepare import begin, prepare
 from neural_strands.training.schedule import appearance_begins
 

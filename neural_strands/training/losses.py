@@ -5,6 +5,7 @@ a mean: the geometric loss over the points of each side, the rendering and alpha
 what the paper's weights become.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -14,6 +15,9 @@ from torch import Tensor
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.nearest import nearest
 from neural_strands.geometry.point_grid import PointGrid
+
+Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height width 3"]], Float[Tensor, ""]]
+"""Distance between a rendered and a photographed image, such as LPIPS."""
 
 
 @dataclass(frozen=True)

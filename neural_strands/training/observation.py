@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
-from neural_strands.model.hair_model import Drawing
 
 
 @dataclass(frozen=True)
@@ -23,6 +22,11 @@ class Place:
         """That part of an image."""
         return image[self.top : self.top + self.height, self.left : self.left + self.width]
 
+    def without_margin(self, margin: int) -> "Place":
+        """The part of a region that carries a loss: at its border the image generator lacks its surroundings."""
+        edge = margin if min(self.height, self.width) > 4 * margin else 0
+        return Place(self.left + edge, self.top + edge, self.width - 2 * edge, self.height - 2 * edge)
+
 
 @dataclass(frozen=True)
 class Observation:
@@ -32,23 +36,18 @@ class Observation:
         camera: its view.
         image: sRGB in [0, 1].
         mask: coverage of hair, if it is known.
-        drawing: what the camera sees of the strands, if they stay as they are.
     """
 
     camera: Camera
     image: Float[Tensor, "height width 3"]
     mask: Float[Tensor, "height width"] | None = None
-    drawing: Drawing | None = None
 
     def cropped(self, place: Place) -> "Observation":
         """Part of the photograph, with the camera that sees just that."""
-        left, top, width, height = place.left, place.top, place.width, place.height
-        drawing = self.drawing
-        if drawing is not None:
-            factor = drawing.lines.depth.shape[0] // self.camera.height
-            drawing = drawing.cropped(left * factor, top * factor, width * factor, height * factor)
         mask = None if self.mask is None else place.of(self.mask)
-        return Observation(self.camera.cropped(left, top, width, height), place.of(self.image), mask, drawing)
+        return Observation(
+            self.camera.cropped(place.left, place.top, place.width, place.height), place.of(self.image), mask
+        )
 
 
 def random_place(

@@ -18,12 +18,12 @@ from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
-from neural_strands.training.appearance import Perceptual
 from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.training.fit import FitState, fit
 from neural_strands.training.fit_config import FitConfig
 from neural_strands.training.fit_data import FitData, check_inputs, check_views
 from neural_strands.training.forecast import forecast, steps_for
+from neural_strands.training.losses import Perceptual
 from neural_strands.training.outputs import write_outputs, write_preview
 from neural_strands.training.prepare import begin, prepare, training_views
 from neural_strands.training.run_folder import (

@@ -1,5 +1,6 @@
 """A whole fit of a tiny capture: it learns, it resumes to the same bits, it refuses what it must."""
 
+import copy
 from dataclasses import replace
 
 import pytest
@@ -21,6 +22,7 @@ from neural_strands.training.outputs import write_outputs, write_preview
 from neural_strands.training.prepare import begin, held_out_views, prepare, training_views
 from neural_strands.training.run import RunLog, find_head
 from neural_strands.training.run_folder import RunFolder
+from neural_strands.training.schedule import ScheduleConfig
 
 CPU = torch.device("cpu")
 
@@ -53,6 +55,18 @@ def run(state, data, config, until=None):
         with pytest.raises(StopIteration):
             fit(state, data, config, after_step=after_step)
     return figures
+
+
+def test_given_strands_stay_while_their_appearance_is_learned(scene):
+    schedule = ScheduleConfig(geometry_only=0.0, warmup=5)
+    config = tiny_config(steps=60, shape_every=0, schedule=schedule)
+    state, data = begin_tiny(scene, config)
+    shape, given = state.model.textures.shape.detach().clone(), state.drawn.clone()
+    figures = run(state, data, config)
+    assert torch.equal(state.model.textures.shape, shape)
+    assert torch.equal(state.drawn, given)
+    losses = [row["render"] + row["alpha"] for row in figures]
+    assert sum(losses[-10:]) < 0.6 * sum(losses[:10])
 
 
 def test_every_fifth_view_is_held_out(scene):
@@ -105,17 +119,26 @@ def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
 
 def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
     config = tiny_config()
-    state, _ = begin_tiny(scene, config)
+    state, data = begin_tiny(scene, config)
     path = tmp_path / "checkpoint.pt"
     save_checkpoint(state, path)
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(InputError, match="whole"):
         load_checkpoint(state, path)
-    with torch.no_grad():
-        state.model.textures.appearance[0, 0, 0] = float("nan")
+    run(state, data, config)
     save_checkpoint(state, path)
-    with pytest.raises(InputError, match="NaN in textures"):
-        load_checkpoint(state, path)
+    whole = torch.load(path, weights_only=True)
+    parts = {
+        "textures.appearance": lambda content: content["model"]["textures.appearance"],
+        "the optimiser's exp_avg": lambda content: content["optimiser"]["state"][0]["exp_avg"],
+        "remembered": lambda content: content["remembered"],
+    }
+    for name, part in parts.items():
+        content = copy.deepcopy(whole)
+        part(content).view(-1)[-1] = float("nan")
+        torch.save(content, path)
+        with pytest.raises(InputError, match=f"NaN in {name}"):
+            load_checkpoint(state, path)
 
 
 def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):

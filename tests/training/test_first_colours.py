@@ -1,6 +1,4 @@
-"""Appearance of given strands: crops, first colours in closed form, and a fit that finds a known picture."""
-
-import copy
+"""First colours in closed form: those of the pixels that show them."""
 
 import pytest
 import torch
@@ -15,9 +13,8 @@ from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
-from neural_strands.training.appearance import AppearanceConfig, cosine, fit_appearance
 from neural_strands.training.first_colours import filled, initialise_colours, spread, strand_colours
-from neural_strands.training.observation import Observation, Place, random_place
+from neural_strands.training.observation import Observation
 
 STRANDS = 80
 
@@ -54,34 +51,6 @@ def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Te
     return Observation(camera, torch.where(hair[..., None], colour[strand], image), hair.float())
 
 
-def test_a_crop_keeps_its_drawing(scene):
-    model, strands, (camera, _) = scene
-    whole = Observation(camera, torch.zeros(48, 64, 3), torch.zeros(48, 64), model.draw(strands, camera))
-    part = whole.cropped(Place(8, 4, 32, 24))
-    fresh = model.draw(strands, part.camera)
-    assert part.drawing is not None
-    assert (part.drawing.lines.segment == fresh.lines.segment).float().mean() > 0.99
-    assert (part.drawing.body.face == fresh.body.face).float().mean() > 0.99
-    with torch.no_grad():
-        kept = model.render(strands, part.camera, drawing=part.drawing)
-        anew = model.render(strands, part.camera)
-    assert (kept.rgb - anew.rgb).abs().mean() < 1e-3
-
-
-def test_crops_are_aligned_and_about_the_hair(generator):
-    mask = torch.zeros(100, 120)
-    mask[60:64, 90:95] = 1
-    camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 100.0, (120, 100))
-    whole = Observation(camera, torch.rand(100, 120, 3, generator=generator), mask)
-    for _ in range(5):
-        part = whole.cropped(random_place(mask > 0.5, (100, 120), 48, 8, generator))
-        assert part.image.shape == (48, 48, 3)
-        assert part.mask.sum() == 20
-        left, top = (whole.camera.intrinsics - part.camera.intrinsics)[:2, 2].tolist()
-        assert (left % 8, top % 8) == (0, 0)
-        torch.testing.assert_close(part.image, whole.image[int(top) : int(top) + 48, int(left) : int(left) + 48])
-
-
 def test_spreading_is_the_transpose_of_sampling(generator):
     uv, values = torch.rand(20, 2, generator=generator), torch.randn(20, 3, generator=generator)
     texture = torch.randn(6, 7, 3, generator=generator)
@@ -112,31 +81,3 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
     stored = model.textures.sample_appearance(strands.root_uv)[:, 0, :3].detach() + model.shading.mean.detach()
     assert (stored - found)[seen].abs().mean() < 0.05
-
-
-def test_a_fit_comes_closer_to_what_another_model_shows(scene, generator):
-    model, strands, cameras = scene
-    teacher = copy.deepcopy(model)
-    with torch.no_grad():
-        teacher.textures.appearance.normal_(generator=generator)
-        teacher.unet.output.mul_(10)
-        views = [(camera, teacher.render(strands, camera)) for camera in cameras]
-    targets = [Observation(camera, output.rgb.sigmoid(), output.alpha) for camera, output in views]
-    config = AppearanceConfig(steps=60, crop=48, margin=4, warmup=10)
-    losses = list(fit_appearance(model, strands, targets, config, generator))
-    assert len(losses) == 60
-    assert sum(losses[-8:]) < 0.5 * sum(losses[:8])
-    assert all(parameter.grad is None for parameter in model.generator.parameters())
-    assert model.textures.shape.grad is None
-
-
-def test_a_fit_without_time_stops_at_once(scene, generator):
-    model, strands, cameras = scene
-    targets = [painted(model, strands, camera, torch.rand(STRANDS, 3, generator=generator)) for camera in cameras]
-    assert list(fit_appearance(model, strands, targets, AppearanceConfig(minutes=1e-9), generator)) == []
-
-
-def test_rates_fall_by_half_a_cosine():
-    assert cosine(0.0, 0.1) == 1.0
-    assert cosine(0.5, 0.1) == pytest.approx(0.55)
-    assert cosine(1.0, 0.1) == pytest.approx(0.1)
