@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from pickle import UnpicklingError
+from typing import Any
 
 import torch
 
@@ -14,7 +15,7 @@ def save_checkpoint(state: FitState, path: Path) -> None:
     """Write what a fit needs to go on.
 
     Raises:
-        InputError: the disk is full or cannot be written to; an older checkpoint stays.
+        InputError: the disk is full or cannot be written to, or the fit has diverged; an older checkpoint stays.
     """
     learned = {name: value for name, value in state.model.state_dict().items() if not name.startswith("generator.")}
     content = {
@@ -24,6 +25,8 @@ def save_checkpoint(state: FitState, path: Path) -> None:
         "drawn": state.drawn,
         "step": state.step,
     }
+    if (name := _not_finite(content)) is not None:
+        raise InputError(f"the fit diverged: NaN in {name} after step {state.step}; {path} stays as it was.")
     with atomic_file(path) as temporary:
         temporary.write_bytes(tensor_bytes(content))
 
@@ -38,14 +41,8 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     try:
         content = torch.load(path, map_location=device, weights_only=True)
         learned = content["model"]
-        moments = {
-            f"the optimiser's {name}": value
-            for state_of in content["optimiser"]["state"].values()
-            for name, value in state_of.items()
-        }
-        for name, value in {**learned, **moments, **{key: content[key] for key in ("remembered", "drawn")}}.items():
-            if value.is_floating_point() and not value.isfinite().all():
-                raise InputError(f"{path}: expected finite numbers, came NaN in {name}; delete the file to start anew.")
+        if (name := _not_finite(content)) is not None:
+            raise InputError(f"{path}: expected finite numbers, came NaN in {name}; delete the file to start anew.")
         missing, unexpected = state.model.load_state_dict(learned, strict=False)
         if unexpected or any(not name.startswith("generator.") for name in missing):
             raise KeyError(f"weights {[*unexpected, *missing][:3]} do not fit")
@@ -57,3 +54,15 @@ def load_checkpoint(state: FitState, path: Path) -> None:
         raise InputError(
             f"{path}: expected this fit's checkpoint, whole, came something else ({reason}); delete it to start anew."
         ) from error
+
+
+def _not_finite(content: dict[str, Any]) -> str | None:
+    """The first part of a checkpoint that holds NaN or infinity, if any does."""
+    moments = [
+        (f"the optimiser's {name}", value)
+        for of_one in content["optimiser"]["state"].values()
+        for name, value in of_one.items()
+    ]
+    strands = [(name, content[name]) for name in ("remembered", "drawn")]
+    parts = [*content["model"].items(), *moments, *strands]
+    return next((name for name, value in parts if value.is_floating_point() and not value.isfinite().all()), None)

@@ -139,6 +139,13 @@ def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
         torch.save(content, path)
         with pytest.raises(InputError, match=f"NaN in {name}"):
             load_checkpoint(state, path)
+    torch.save(whole, path)
+    with torch.no_grad():
+        state.model.textures.appearance[0, 0, 0] = float("nan")
+    with pytest.raises(InputError, match=r"diverged: NaN in textures\.appearance after step 12"):
+        save_checkpoint(state, path)
+    load_checkpoint(state, path)
+    assert state.model.textures.appearance.isfinite().all()
 
 
 def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):
