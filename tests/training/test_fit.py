@@ -14,14 +14,17 @@ from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom
-from neural_strands.prior.vae import load_prior
+from neural_strands.model.files import load_hair_model, save_hair_model
+from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.synthesiser import SynthesiserConfig
+from neural_strands.prior.vae import StrandPrior, load_prior, save_prior
 from neural_strands.training.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.training.fit import fit
 from neural_strands.training.fit_config import FitRates
 from neural_strands.training.outputs import write_outputs, write_preview
 from neural_strands.training.prepare import begin, held_out_views, prepare, training_views
-from neural_strands.training.run import RunLog, find_head
-from neural_strands.training.run_folder import RunFolder
+from neural_strands.training.run import RunLog, find_head, fit_prior
+from neural_strands.training.run_folder import RunFolder, weights_digest
 from neural_strands.training.schedule import ScheduleConfig
 
 CPU = torch.device("cpu")
@@ -175,6 +178,25 @@ def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):
     log_path = folder.log
     assert log_path.read_bytes().startswith(before.pop(log_path))
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path != log_path} == before
+
+
+@pytest.mark.parametrize(
+    "changed", [{"synthesiser": SynthesiserConfig(output="position")}, {"modulator": "mlp"}], ids=["position", "mlp"]
+)
+def test_a_fit_takes_another_prior_and_its_model_loads(scene, tmp_path, changed):
+    save_prior(StrandPrior(GeneratorConfig(**changed)), tmp_path / "prior.safetensors", {})
+    prior = fit_prior(tmp_path / "prior.safetensors", CPU)
+    assert weights_digest(prior) != weights_digest(fit_prior(None, CPU))
+    capture, head, segments = scene
+    config = tiny_config(steps=3, initialise="mean")
+    data = prepare(capture, head, segments, config, CPU)
+    state = begin(data, prior, config)
+    run(state, data, config)
+    save_hair_model(state.model, tmp_path / "model")
+    with torch.no_grad():
+        strands = load_hair_model(tmp_path / "model").decode().points
+    assert torch.equal(strands, state.model.decode().points)
+    torch.testing.assert_close(strands[:, 0], state.model.root_position, atol=1e-5, rtol=0)
 
 
 def test_without_masks_the_hair_volume_comes_from_the_segments(tmp_path):
