@@ -22,7 +22,7 @@ from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
-from neural_strands.raster.splat import SplatMap, splat_pyramid
+from neural_strands.raster.splat import MINIMUM_WEIGHT, SplatMap, splat_pyramid
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
@@ -208,8 +208,8 @@ class HairModel(nn.Module):
         half = self.config.mixed_precision and device == "cuda"
         with torch.autocast(device, torch.bfloat16, enabled=half):
             raw = self.unet(pyramid)
-        shaded = maps[0].features[-3:].permute(1, 2, 0)
-        return raw[0].permute(1, 2, 0).float() + torch.nn.functional.pad(shaded, (0, 1))
+        shaded = filled_from_below([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
+        return raw[0].permute(1, 2, 0).float() + torch.nn.functional.pad(shaded.permute(1, 2, 0), (0, 1))
 
     def _pixel_channels(self, level_map: SplatMap, camera: Camera, level: int) -> Float[Tensor, "4 h w"]:
         """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""
@@ -220,3 +220,15 @@ class HairModel(nn.Module):
         rays = camera.rays(centres).permute(2, 0, 1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
         return torch.cat([rays, share.clamp(max=1.0)[None]])
+
+
+def filled_from_below(
+    pyramid: list[Float[Tensor, "channel _ _"]], coverages: list[Float[Tensor, "_ _"]]
+) -> Float[Tensor, "channel height width"]:
+    """The finest of splatted maps, its gaps showing the next coarser one, and so on down."""
+    image = pyramid[-1]
+    for features, coverage in zip(reversed(pyramid[:-1]), reversed(coverages[:-1]), strict=True):
+        height, width = coverage.shape
+        above = torch.nn.functional.interpolate(image[None], scale_factor=2.0, mode="bilinear")[0, :, :height, :width]
+        image = features + (1 - coverage / MINIMUM_WEIGHT).clamp(min=0.0) * above
+    return image

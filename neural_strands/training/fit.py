@@ -161,7 +161,7 @@ def _image_part(
         if shape_moves and weights.shape_from_image > 0:
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
-        output = model.render(strands, target.camera)
+        output = model.render(strands, target.camera, config.schedule.appearance_blur)
         height, width = trimap.alpha.shape
         inner = Place(0, 0, width, height).without_margin(config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)

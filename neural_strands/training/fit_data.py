@@ -16,7 +16,7 @@ from neural_strands.raster.lines import rasterise_lines
 from neural_strands.scalp.head import Head
 from neural_strands.training.losses import OrientedTargets
 from neural_strands.training.observation import Observation, random_place
-from neural_strands.training.trimap import Trimap, TrimapConfig, trimap_of_part
+from neural_strands.training.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 
 FEWEST_VIEWS = 3
 FEWEST_SEGMENT_POINTS = 500
@@ -87,11 +87,14 @@ class _Observations(Sequence[Observation]):
 def random_region(
     data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
 ) -> tuple[Observation, Trimap]:
-    """A random square of a training view about hair, with its trimap."""
+    """A random square of a training view about hair, with the alpha that it is held to."""
     whole = data.observation(view)
     marked = data.marked(whole)
     place = random_place(marked, (whole.camera.height, whole.camera.width), side, stride, random)
-    return whole.cropped(place), trimap_of_part(marked, place, trimap)
+    part = whole.cropped(place)
+    if whole.mask is not None:
+        return part, reference_alpha(whole.mask, place, trimap)
+    return part, trimap_of_part(marked, place, trimap)
 
 
 def segment_lines(segments: LineSegments) -> Float[Tensor, "line 2 3"]:

@@ -11,7 +11,9 @@ from neural_strands.foundation.files import atomic_file
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.training.evaluate import Evaluation, RunContents, mean_of, read_losses
 from neural_strands.training.fit_data import segment_lines
-from neural_strands.training.trimap import make_trimap
+from neural_strands.training.observation import Place
+from neural_strands.training.run_folder import read_description
+from neural_strands.training.trimap import reference_alpha
 
 PAPER_ROWS = {
     "paper, short: LMVS": ((56.91, 12.11, 19.98), (93.42, 30.29, 45.75), (98.85, 46.62, 63.36)),
@@ -123,10 +125,11 @@ def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
     mask = run.capture.hair_mask(index)
     pictures = [("predicted alpha", png(view.alpha[..., None].expand(-1, -1, 3)))]
     if mask is not None:
-        trimap = make_trimap(mask > 0.5)
+        height, width = mask.shape
+        config = read_description(run.folder).config.trimap
+        trimap = reference_alpha(mask, Place(0, 0, width, height), config)
         shades = torch.where(trimap.supervised, trimap.alpha, 0.5)
-        pictures.append(("trimap: hair, empty, unsupervised", png(shades[..., None].expand(-1, -1, 3))))
-        pictures.append(("mask", png(mask[..., None].expand(-1, -1, 3))))
+        pictures.append(("its reference, grey where unsupervised", png(shades[..., None].expand(-1, -1, 3))))
     return Gallery("Alpha", tuple(pictures))
 
 

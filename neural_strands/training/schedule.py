@@ -19,6 +19,9 @@ class ScheduleConfig:
     """Fraction of the steps after which the whole strand is free; before, only its part nearest the root."""
     geometry_only: float = 0.3
     """Fraction of the steps during which rendering and alpha losses weigh nothing (the paper: 1,000 steps)."""
+    appearance_blur: float = 3.0
+    """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture: what few views show of a
+    strand, its neighbours teach it."""
     perceptual_from: float = 0.5
     """Fraction of the steps after which the perceptual distance counts: before, it is dear and says little."""
     warmup: int = 50

@@ -18,6 +18,8 @@ class TrimapConfig:
     """Radius by which the mask grows before what lies outside counts as empty, as a fraction of the diagonal."""
     erosion: float = 0.012
     """Radius by which the grown mask shrinks before what is left counts as opaque, as the same fraction."""
+    mattes: bool = True
+    """A capture's hair masks say how much of a pixel is hair, and are taken as such; otherwise they make trimaps."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,20 @@ class Trimap:
     """Reference alpha and where it holds.
 
     Attributes:
-        alpha: 1 in the interior, 0 elsewhere.
-        supervised: the interior and the exterior; false in the band between.
+        alpha: 1 in the interior, 0 elsewhere; or a matte.
+        supervised: the interior and the exterior, false in the band between; or, of a matte, everything.
     """
 
     alpha: Float[Tensor, "height width"]
     supervised: Bool[Tensor, "height width"]
+
+
+def reference_alpha(mask: Float[Tensor, "height width"], place: Place, config: TrimapConfig) -> Trimap:
+    """What a part of a view with a hair mask is held to."""
+    if not config.mattes:
+        return trimap_of_part(mask > 0.5, place, config)
+    matte = place.of(mask)
+    return Trimap(matte, torch.ones_like(matte, dtype=torch.bool))
 
 
 def make_trimap(lines: Bool[Tensor, "height width"], config: TrimapConfig | None = None) -> Trimap:

@@ -12,10 +12,11 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.files import load_hair_model, save_hair_model
-from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.hair_model import HairModel, HairModelConfig, filled_from_below
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.splat import MINIMUM_WEIGHT, splat_pyramid
 from neural_strands.scalp.roots import Roots
 
 ROOTS = 60
@@ -197,3 +198,14 @@ def test_the_image_is_hair_over_body_over_background():
     torch.testing.assert_close(output.rgb, expected)
     assert output.behind_rgb.min().item() == pytest.approx(0.2, abs=1e-5)
     assert output.behind_rgb.max().item() == pytest.approx(0.8, abs=1e-5)
+
+
+def test_gaps_show_the_next_coarser_map(generator):
+    pixels, colours = torch.rand(30, 2, generator=generator) * 32, torch.full((30, 3), 0.7)
+    maps = splat_pyramid(pixels, colours, (31, 33), 5)
+    image = filled_from_below([m.features for m in maps], [m.coverage for m in maps])
+    whole = maps[0].coverage >= MINIMUM_WEIGHT
+    assert whole.float().mean() < 0.2
+    torch.testing.assert_close(image[:, whole], maps[0].features[:, whole])
+    assert (image > 0.5).all()
+    assert (image < 0.7 + 1e-5).all()

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from neural_strands.training.observation import Place
-from neural_strands.training.trimap import TrimapConfig, dilate, make_trimap, trimap_of_part
+from neural_strands.training.trimap import TrimapConfig, dilate, make_trimap, reference_alpha, trimap_of_part
 
 
 def disc(radius, side=101):
@@ -45,3 +45,13 @@ def test_a_part_is_what_the_whole_says_there(generator, place):
     whole, part = make_trimap(lines, config), trimap_of_part(lines, place, config)
     assert torch.equal(part.alpha, place.of(whole.alpha))
     assert torch.equal(part.supervised, place.of(whole.supervised))
+
+
+def test_a_matte_is_taken_as_it_is_unless_told_otherwise(generator):
+    matte = torch.rand(50, 60, generator=generator)
+    place = Place(7, 5, 20, 30)
+    taken = reference_alpha(matte, place, TrimapConfig())
+    assert torch.equal(taken.alpha, matte[5:35, 7:27])
+    assert taken.supervised.all()
+    doubted = reference_alpha(matte, place, TrimapConfig(mattes=False))
+    assert torch.equal(doubted.supervised, trimap_of_part(matte > 0.5, place).supervised)
