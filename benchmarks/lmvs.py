@@ -38,7 +38,7 @@ def main() -> None:
     begin = time.perf_counter(), time.process_time()
     generator = torch.Generator().manual_seed(0)
     segments = reconstruct(capture_views(capture), capture.head, LmvsConfig(), generator, given.out / "work", track)
-    segments = orient_segments(segments, capture.head, [], GrowthConfig())
+    segments = orient_segments(segments, capture.head, capture.scalp_faces, [], GrowthConfig())
     wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     save_segments(given.out / "segments.npz", segments)

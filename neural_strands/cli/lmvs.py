@@ -5,15 +5,12 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from neural_strands.cli.device import seeded
 from neural_strands.foundation.progress import track
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -33,6 +30,9 @@ class Lmvs:
     in world metres or {"view": NAME, "points": [[x, y], ...]} in pixels of a view."""
     views: tuple[int, ...] | None = None
     """Only these photographs, counted from 0. Default: all."""
+    complete: bool = False
+    """Fill the gaps between what several views confirm with lines that one view alone sees, thinned and of confidence
+    0.1: far more of the hair, fewer of the points right. Needs hair masks."""
     seed: int = 0
     """Of every random choice."""
     json: bool = False
@@ -43,7 +43,7 @@ class Lmvs:
         from neural_strands.capture.capture import Capture
         from neural_strands.lmvs.files import save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
-        from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+        from neural_strands.lmvs.reconstruct import GAP, LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
         from neural_strands.lmvs.strokes import read_strokes
         from neural_strands.training.segments import capture_views
@@ -53,12 +53,13 @@ class Lmvs:
         if self.views is not None:
             capture = capture.subset(self.views)
         views = capture_views(capture)
-        segments = reconstruct(views, capture.head, LmvsConfig(), seeded(self.seed), self.out / "work", track)
+        config = LmvsConfig(gap=GAP if self.complete else None)
+        segments = reconstruct(views, capture.head, config, seeded(self.seed), self.out / "work", track)
         strokes = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras, segments)
-        segments = orient_segments(segments, capture.head, strokes, GrowthConfig())
+        segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig())
         for suffix in ("npz", "ply"):
             save_segments(self.out / f"segments.{suffix}", segments)
-        write_report(views, segments, self.out)
+        write_report(views, capture.head, segments, self.out)
         result = {
             "points": len(segments),
             "segments": segments.segment_count,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 import warp as wp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from neural_strands.foundation import kernels
@@ -110,6 +110,43 @@ def warp_mesh(mesh: Mesh) -> wp.Mesh:
     return wp.Mesh(points=kernels.array(mesh.vertices, wp.vec3), indices=kernels.array(faces))
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What a view says of where there is no hair.
+
+    Attributes:
+        camera: the view's.
+        hair: nonzero where there may be hair.
+        head: distance to the head along each pixel's ray, metres, at half the size.
+    """
+
+    camera: Camera
+    hair: UInt8[Tensor, "height width"]
+    head: Float[Tensor, "rows columns"]
+
+    def inputs(self) -> list:
+        """What `hull_kernels.seen_empty` takes of a view, in its order."""
+        projection = torch.eye(4)
+        projection[:3] = self.camera.intrinsics @ self.camera.world_to_camera[:3]
+        matrix, centre = wp.mat44(*projection.reshape(-1).tolist()), wp.vec3(*self.camera.position.tolist())
+        return [matrix, centre, kernels.array(self.hair), kernels.array(self.head)]
+
+
+def sight_of(camera: Camera, hair: Bool[Tensor, "height width"], mesh: wp.Mesh | None) -> Sight:
+    """A view's silhouette and its distances to the head."""
+    half = camera.resized(max(camera.width // 2, 1), max(camera.height // 2, 1))
+    return Sight(camera, hair.to(torch.uint8), head_map(half, mesh))
+
+
+def not_seen_empty(points: Float[Tensor, "point 3"], sights: Sequence[Sight]) -> Bool[Tensor, " point"]:
+    """Which points no view sees, in front of the head, to be no hair."""
+    kept = torch.ones(len(points), dtype=torch.uint8, device=points.device)
+    for sight in sights:
+        inputs = [kernels.array(points, wp.vec3), *sight.inputs(), kernels.array(kept)]
+        kernels.launch_split(hull_kernels.carve_points, len(points), inputs, points.device)
+    return kept > 0
+
+
 class Carver:
     """Carves a box of voxels view by view, so that only one mask is in memory at a time."""
 
@@ -122,22 +159,10 @@ class Carver:
         inside = square[:, None, None] + square[:, None] + square < region.radius**2
         self.kept = inside.to(torch.uint8).reshape(-1)
 
-    def add(self, camera: Camera, hair: Bool[Tensor, "height width"], mesh: wp.Mesh | None) -> None:
+    def add(self, sight: Sight) -> None:
         """Drop what this view sees, in front of the head, to be no hair."""
-        head = head_map(camera.resized(max(camera.width // 2, 1), max(camera.height // 2, 1)), mesh)
-        projection = torch.eye(4, device=hair.device)
-        projection[:3] = camera.intrinsics @ camera.world_to_camera[:3]
-        inputs = [
-            wp.vec3(*self.origin.tolist()),
-            self.voxel,
-            self.nodes,
-            wp.mat44(*projection.reshape(-1).tolist()),
-            wp.vec3(*camera.position.tolist()),
-            kernels.array(hair.to(torch.uint8)),
-            kernels.array(head),
-            kernels.array(self.kept),
-        ]
-        kernels.launch_split(hull_kernels.carve, len(self.kept), inputs, hair.device)
+        inputs = [wp.vec3(*self.origin.tolist()), self.voxel, self.nodes, *sight.inputs(), kernels.array(self.kept)]
+        kernels.launch_split(hull_kernels.carve, len(self.kept), inputs, self.kept.device)
 
     def hull(self) -> Hull:
         """The volume that is left, smoothed by about a voxel."""

@@ -12,6 +12,7 @@ from neural_strands.foundation import kernels
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs import chain_kernels
 from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.fusion import cell_keys
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def grow_chains(
     radius, cell = config.radius * footprint, config.spacing * footprint
     points, directions, _ = mean_shift(cloud, radius, config.angle, config.rounds)
     grid = Cloud(points, directions, cloud.weight, radius)
-    keys = _cell_keys(points, cell)
+    keys = cell_keys(points, cell)
     jitter = torch.rand(len(points), generator=generator).to(points)
     order = torch.argsort(cloud.weight + 0.2 * jitter, descending=True)
     parts: list[_Chains] = []
@@ -82,9 +83,9 @@ def grow_chains(
     while len(order):
         seeds = _apart(order, points, config.apart * footprint)[: config.batch]
         chains = _walk(grid, seeds, points, directions, radius, footprint, config)
-        chains = _trim(chains, _cell_keys(chains.points, cell), taken, config.shortest)
+        chains = _trim(chains, cell_keys(chains.points, cell), taken, config.shortest)
         parts.append(chains)
-        taken = torch.unique(torch.cat([taken, _cell_keys(chains.points, cell), keys[seeds]]))
+        taken = torch.unique(torch.cat([taken, cell_keys(chains.points, cell), keys[seeds]]))
         order = order[~torch.isin(keys[order], taken)]
     sizes = torch.cat([part.sizes for part in parts]) if parts else keys[:0]
     if len(sizes) == 0:
@@ -158,15 +159,9 @@ def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chain
     return _Chains(chains.points[index], chains.directions[index], chains.weight[index], sizes[long])
 
 
-def _cell_keys(points: Float[Tensor, "point 3"], cell: float) -> Tensor:
-    """One number for the cell that each point lies in."""
-    index = torch.floor(points / cell).long() + 2**20
-    return (index[:, 0] << 42) + (index[:, 1] << 21) + index[:, 2]
-
-
 def _apart(order: Tensor, points: Tensor, distance: float) -> Tensor:
     """The first of `order` in each cell of `distance` metres."""
-    keys = _cell_keys(points[order], distance)
+    keys = cell_keys(points[order], distance)
     _, inverse = torch.unique(keys, return_inverse=True)
     first = torch.full((int(inverse.max()) + 1,), len(order), dtype=torch.int64, device=points.device)
     first.scatter_reduce_(0, inverse, torch.arange(len(order), device=points.device), "amin")

@@ -27,6 +27,16 @@ class OrientedPoints:
     weight: Float[Tensor, " point"]
     view: Int64[Tensor, " point"]
 
+    def select(self, keep: Tensor) -> "OrientedPoints":
+        """Keep the points that a boolean or integer index names."""
+        return OrientedPoints(self.points[keep], self.directions[keep], self.weight[keep], self.view[keep])
+
+
+def join_points(parts: Sequence[OrientedPoints]) -> OrientedPoints:
+    """One cloud of several."""
+    names = OrientedPoints.__annotations__
+    return OrientedPoints(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+
 
 def line_points(camera: Camera, lines: LineMap) -> Float[Tensor, "point 3"]:
     """World positions of a view's lines."""
@@ -53,20 +63,23 @@ def confirmations(
         angle: radians.
         stride: every how many-th pixel has a line; the one in the same block of pixels is asked.
     """
-    count = points.new_zeros(len(points))
+    votes = points.new_zeros(len(points))
     for camera, lines in others:
-        index = torch.full(
-            (camera.height // stride + 1, camera.width // stride + 1), -1, dtype=torch.int64, device=points.device
-        )
-        block = torch.div(lines.pixel, stride, rounding_mode="floor")
-        index[block[:, 1], block[:, 0]] = torch.arange(len(lines.depth), device=points.device)
-        where = line_points(camera, lines)
-        pixel, depth = camera.project(points)
-        cell = pixel.floor()
-        inside = (depth > 0) & (cell >= 0).all(-1) & (cell[:, 0] < camera.width) & (cell[:, 1] < camera.height)
-        cell = torch.div(torch.where(inside[:, None], cell, 0.0), stride, rounding_mode="floor").long()
-        found = torch.where(inside, index[cell[:, 1], cell[:, 0]], -1)
-        near = 1 - (where[found] - points).norm(dim=-1) / distance
+        found = _line_at(points, camera, lines, stride)
+        near = 1 - (line_points(camera, lines)[found] - points).norm(dim=-1) / distance
         turned = torch.arccos((lines.direction[found] * directions).sum(-1).abs().clamp(max=1))
-        count += torch.where(found >= 0, near.clamp(min=0).sqrt() * (1 - turned / angle).clamp(min=0), 0.0)
-    return count
+        votes += torch.where(found >= 0, near.clamp(min=0).sqrt() * (1 - turned / angle).clamp(min=0), 0.0)
+    return votes
+
+
+def _line_at(points: Float[Tensor, "point 3"], camera: Camera, lines: LineMap, stride: int) -> Int64[Tensor, " point"]:
+    """Index of the line that a view has where each point projects, -1 where it has none."""
+    shape = (camera.height // stride + 1, camera.width // stride + 1)
+    index = torch.full(shape, -1, dtype=torch.int64, device=points.device)
+    block = torch.div(lines.pixel, stride, rounding_mode="floor")
+    index[block[:, 1], block[:, 0]] = torch.arange(len(lines.depth), device=points.device)
+    pixel, depth = camera.project(points)
+    cell = pixel.floor()
+    inside = (depth > 0) & (cell >= 0).all(-1) & (cell[:, 0] < camera.width) & (cell[:, 1] < camera.height)
+    cell = torch.div(torch.where(inside[:, None], cell, 0.0), stride, rounding_mode="floor").long()
+    return torch.where(inside, index[cell[:, 1], cell[:, 0]], -1)

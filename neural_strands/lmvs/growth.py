@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import cg
 from scipy.spatial import KDTree
@@ -46,6 +46,7 @@ class GrowthConfig:
 def orient_segments(
     segments: LineSegments,
     head: Mesh | None,
+    scalp_faces: Int64[Tensor, " scalp"] | None,
     strokes: list[Float[Tensor, "point 3"]],
     config: GrowthConfig,
     up: tuple[float, float, float] = (0.0, 1.0, 0.0),
@@ -55,6 +56,8 @@ def orient_segments(
     Args:
         segments: chains whose directions follow their points.
         head: the head, if it is known; without one only gravity and strokes say which way hair grows.
+        scalp_faces: the faces of the head that hair grows from, if they are known: hair points away from these alone,
+            as away from the shoulders is up again.
         strokes: polylines drawn from root to tip, metres.
         config: weights.
         up: against gravity, in world axes.
@@ -69,7 +72,8 @@ def orient_segments(
     pull = -config.gravity * (lines @ np.asarray(up))
     weight = np.full(len(points), config.gravity)
     if head is not None:
-        away, strength = _away_from_head(segments, head, config)
+        skin = head if scalp_faces is None else Mesh(head.vertices, head.faces[scalp_faces])
+        away, strength = _away_from_head(segments, skin, config)
         pull += strength * (lines * away).sum(-1)
         weight += strength
     for stroke in strokes:

@@ -20,6 +20,32 @@ def trace_head(start: int, mesh: wp.uint64, centre: wp.vec3, ray: wp.array[wp.ve
         distance[i] = hit.t
 
 
+@wp.func
+@no_type_check
+def seen_empty(
+    point: wp.vec3,
+    projection: wp.mat44,
+    centre: wp.vec3,
+    hair: wp.array(dtype=wp.uint8, ndim=2),
+    head: wp.array(dtype=wp.float32, ndim=2),
+) -> bool:
+    """Whether a view sees a point outside its mask in front of the head; outside the picture nothing is known."""
+    image = projection * wp.vec4(point[0], point[1], point[2], 1.0)
+    if image[2] <= 0.0:
+        return False
+    u = image[0] / image[2]
+    v = image[1] / image[2]
+    if u < 0.0 or v < 0.0 or u >= float(hair.shape[1]) or v >= float(hair.shape[0]):
+        return False
+    row = int(v)
+    column = int(u)
+    if hair[row, column] > wp.uint8(0):
+        return False
+    head_row = wp.min(row * head.shape[0] // hair.shape[0], head.shape[0] - 1)
+    head_column = wp.min(column * head.shape[1] // hair.shape[1], head.shape[1] - 1)
+    return wp.length(point - centre) <= head[head_row, head_column]
+
+
 @wp.kernel(enable_backward=False)
 @no_type_check
 def carve(
@@ -33,27 +59,30 @@ def carve(
     head: wp.array(dtype=wp.float32, ndim=2),
     kept: wp.array[wp.uint8],
 ) -> None:
-    """Drop the points that a view sees outside its mask in front of the head; outside the picture nothing is known."""
+    """Drop the nodes of a grid that a view sees empty."""
     i = start + wp.tid()
     if kept[i] == wp.uint8(0):
         return
     p = origin + wp.vec3(float(i // (nodes * nodes)), float((i // nodes) % nodes), float(i % nodes)) * voxel
-    image = projection * wp.vec4(p[0], p[1], p[2], 1.0)
-    if image[2] <= 0.0:
-        return
-    u = image[0] / image[2]
-    v = image[1] / image[2]
-    if u < 0.0 or v < 0.0 or u >= float(hair.shape[1]) or v >= float(hair.shape[0]):
-        return
-    row = int(v)
-    column = int(u)
-    if hair[row, column] > wp.uint8(0):
-        return
-    head_row = wp.min(row * head.shape[0] // hair.shape[0], head.shape[0] - 1)
-    head_column = wp.min(column * head.shape[1] // hair.shape[1], head.shape[1] - 1)
-    if wp.length(p - centre) > head[head_row, head_column]:
-        return
-    kept[i] = wp.uint8(0)
+    if seen_empty(p, projection, centre, hair, head):
+        kept[i] = wp.uint8(0)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def carve_points(
+    start: int,
+    points: wp.array[wp.vec3],
+    projection: wp.mat44,
+    centre: wp.vec3,
+    hair: wp.array(dtype=wp.uint8, ndim=2),
+    head: wp.array(dtype=wp.float32, ndim=2),
+    kept: wp.array[wp.uint8],
+) -> None:
+    """Drop the points that a view sees empty."""
+    i = start + wp.tid()
+    if kept[i] > wp.uint8(0) and seen_empty(points[i], projection, centre, hair, head):
+        kept[i] = wp.uint8(0)
 
 
 @wp.kernel(enable_backward=False)

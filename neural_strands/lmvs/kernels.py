@@ -32,8 +32,6 @@ class Patch:
         along, across: samples to each side of the centre, along the line and across it.
         step: distance of samples in pixels of the reference.
         intensity: weight of 1 - NCC against the orientation's cost, in [0, 1].
-        prior: cost of a depth `slack` metres or more away from the smooth surface that the first sweep found.
-        slack: metres.
         best: number of neighbours, the best ones, whose mean is the cost.
         views: number of neighbours.
         width, height: of the textures, pixels.
@@ -43,8 +41,6 @@ class Patch:
     across: wp.int32
     step: wp.float32
     intensity: wp.float32
-    prior: wp.float32
-    slack: wp.float32
     best: wp.int32
     views: wp.int32
     width: wp.int32
@@ -307,7 +303,6 @@ def improve(
     normal: wp.array[wp.vec3],
     near: wp.array[float],
     far: wp.array[float],
-    anchor: wp.array[float],
     trials: int,
     depth_range: float,
     angle_range: float,
@@ -334,7 +329,6 @@ def improve(
         best_cost = line_cost(
             texture, projection, centre[0] + ray[i] * best_depth, best_line, normal[i], best_depth * pixel_angle, patch
         )
-        best_cost += patch.prior * wp.min(wp.abs(best_depth - anchor[i]) / patch.slack, 1.0)
     for k in range(adjacent.shape[1]):
         other = adjacent[i, k]
         if other >= 0:
@@ -347,7 +341,6 @@ def improve(
                 found = line_cost(
                     texture, projection, centre[0] + ray[i] * distance, line, normal[i], distance * pixel_angle, patch
                 )
-                found += patch.prior * wp.min(wp.abs(distance - anchor[i]) / patch.slack, 1.0)
                 if found < best_cost:
                     best_cost = found
                     best_depth = distance
@@ -362,7 +355,6 @@ def improve(
         found = line_cost(
             texture, projection, centre[0] + ray[i] * distance, line, normal[i], distance * pixel_angle, patch
         )
-        found += patch.prior * wp.min(wp.abs(distance - anchor[i]) / patch.slack, 1.0)
         if found < best_cost and distance > near[i] and distance < far[i]:
             best_cost = found
             best_depth = distance

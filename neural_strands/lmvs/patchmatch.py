@@ -76,10 +76,6 @@ class PatchMatchConfig:
     """Share of that depth which costs nothing."""
     intensity: float = 0.5
     """Weight of 1 - NCC against the orientation's cost."""
-    prior: float = 0.0
-    """Cost of leaving that surface by `slack` or more."""
-    slack: float = 6.0
-    """In pixel footprints."""
     best: int = 6
     """Neighbours, the best ones, that a line's cost is the mean of."""
 
@@ -124,7 +120,7 @@ def match_lines(
     views = _stack([reference, *neighbours[:MOST_NEIGHBOURS]])
     ray = reference.camera.rays(pixel.float() + 0.5)
     depth, direction = torch.zeros_like(bounds.near), torch.zeros_like(ray)
-    anchor, cost = torch.zeros_like(bounds.near), torch.full_like(bounds.near, 4.0)
+    cost = torch.full_like(bounds.near, 4.0)
     previous = None
     for level in config.levels:
         chosen = torch.nonzero(on_grid(pixel, level.stride, config)).squeeze(1)
@@ -132,14 +128,13 @@ def match_lines(
         if previous is None:
             depths = math.ceil(thickness / (config.depth_step * part.footprint)) + 1
             offset = thickness * torch.linspace(0, 1, depths, device=ray.device)
-            depth[chosen] = anchor[chosen] = _surface(views, part, offset, config)
+            depth[chosen] = _surface(views, part, offset, config)
             direction[chosen] = _looked(views, part, depth[chosen], config)
         else:
             source = _nearest_solved(pixel[chosen], pixel[previous], level.stride * 2)
             _take_over(ray, chosen, previous, source, depth, direction)
-            anchor[chosen] = torch.where(source >= 0, anchor[previous[source.clamp(min=0)]], depth[chosen])
         state = depth[chosen], direction[chosen], torch.full_like(depth[chosen], 4.0)
-        _improve(views, part, anchor[chosen], config, seed, state)
+        _improve(views, part, config, seed, state)
         depth[chosen], direction[chosen], cost[chosen] = state
         previous = chosen
     keep = torch.nonzero(cost < 2).squeeze(1)
@@ -174,7 +169,6 @@ def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
     patch = kernels.Patch()
     patch.along, patch.across, patch.step = level.along, level.across, level.step
     patch.intensity, patch.best, patch.views = config.intensity, min(config.best, count), count
-    patch.prior, patch.slack = config.prior, config.slack * part.footprint
     patch.height, patch.width = views.texture.shape[1:3]
     return [
         launches.array(views.texture, wp.vec4),
@@ -223,7 +217,6 @@ def _looked(
 def _improve(
     views: _Stack,
     part: _Part,
-    anchor: Tensor,
     config: PatchMatchConfig,
     seed: int,
     state: tuple[Tensor, Tensor, Tensor],
@@ -232,7 +225,7 @@ def _improve(
     level = part.level
     results = [launches.array(state[0]), launches.array(state[1], wp.vec3), launches.array(state[2])]
     rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
-    limits = [launches.array(part.bounds.near), launches.array(part.bounds.far), launches.array(anchor)]
+    limits = [launches.array(part.bounds.near), launches.array(part.bounds.far)]
     adjacent = launches.array(_adjacency(part.pixel, level.stride))
     cell = torch.div(part.pixel, level.stride, rounding_mode="floor")
     colours = [torch.nonzero(cell.sum(dim=1) % 2 == c).squeeze(1).to(torch.int32) for c in (0, 1)]

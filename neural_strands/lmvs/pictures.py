@@ -5,14 +5,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
+import warp as wp
 from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.lmvs.bounds import head_distance
 from neural_strands.lmvs.features import Features
 from neural_strands.lmvs.patchmatch import LineMap
+
+SKIN = 0.01
+"""How far behind the head's surface hair still shows, as a share of its distance."""
 
 
 def orientation_picture(features: Features) -> np.ndarray:
@@ -47,13 +52,18 @@ def depth_picture(camera: Camera, lines: LineMap) -> np.ndarray:
     return picture
 
 
-def segments_picture(camera: Camera, image: Float[Tensor, "height width 3"], segments: LineSegments) -> np.ndarray:
-    """Segments on the side that faces the camera, coloured by 3D direction, over the darkened photograph; BGR bytes."""
+def segments_picture(
+    camera: Camera, image: Float[Tensor, "height width 3"], segments: LineSegments, head: wp.Mesh | None
+) -> np.ndarray:
+    """Segments on the side that faces the camera and before the head, coloured by 3D direction; BGR bytes.
+
+    The photograph lies darkened below them.
+    """
     picture = (image.cpu().numpy()[..., ::-1] * 110).astype(np.uint8).copy()
     pixel, depth = camera.project(segments.points)
     same = segments.segment_id[1:] == segments.segment_id[:-1]
     first = torch.nonzero(same & (depth[1:] > 0) & (depth[:-1] > 0)).squeeze(1)
-    front = _in_front(pixel[first], depth[first], camera)
+    front = _in_front(pixel[first], depth[first], camera) & _before_head(segments.points[first], camera, head)
     first = first[front]
     first = first[torch.argsort(depth[first], descending=True)]
     start = (pixel[first] * 16).round().int().cpu().numpy()
@@ -62,6 +72,13 @@ def segments_picture(camera: Camera, image: Float[Tensor, "height width 3"], seg
     for a, b, c in zip(start, end, colour, strict=True):
         cv2.line(picture, a.tolist(), b.tolist(), c.tolist(), 1, cv2.LINE_AA, 4)
     return picture
+
+
+def _before_head(points: Float[Tensor, "point 3"], camera: Camera, head: wp.Mesh | None) -> Tensor:
+    """Points that the head does not hide; those just within its skin count, as roots scatter about it."""
+    offset = points - camera.position
+    distance = offset.norm(dim=-1)
+    return distance < (1 + SKIN) * head_distance(camera, offset / distance[:, None], head)
 
 
 def save_picture(path: Path, picture: np.ndarray) -> None:

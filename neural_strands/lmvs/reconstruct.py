@@ -15,9 +15,22 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import signed_distance
-from neural_strands.lmvs.bounds import Carver, Hull, Region, find_region, head_distance, ray_bounds, warp_mesh
+from neural_strands.lmvs.bounds import (
+    Carver,
+    Hull,
+    Region,
+    Sight,
+    find_region,
+    head_distance,
+    not_seen_empty,
+    ray_bounds,
+    sight_of,
+    warp_mesh,
+)
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
-from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
+from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
+from neural_strands.lmvs.fusion import add_guesses, fill_gaps
+from neural_strands.lmvs.identity import inputs_digest
 from neural_strands.lmvs.orientation import OrientationConfig
 from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
 from neural_strands.lmvs.views import View
@@ -25,6 +38,8 @@ from neural_strands.lmvs.work import Work
 
 log = logging.getLogger(__name__)
 
+GAP = 4.0
+"""Cells, in pixel footprints, that are filled where hair is to be complete."""
 SCALE = 5.0
 """A head this many times larger or smaller than the hair is in another unit."""
 
@@ -51,6 +66,9 @@ class LmvsConfig:
     """Within what distance, pixel footprints."""
     angle: float = 25.0
     """Within what angle, degrees."""
+    gap: float | None = None
+    """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one (see `GAP`); None
+    for none. Where there are no masks they take none either, as much that is not hair is looked at."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +79,7 @@ class _Scene:
     region: Region
     hull: Hull
     mesh: wp.Mesh | None
+    sights: list[Sight]
     footprint: float
     masked: bool
 
@@ -80,7 +99,8 @@ def reconstruct(
         head: the head in the same frame, if it is known: hair is not looked for inside.
         config: settings.
         generator: of every random choice.
-        folder: keeps each view's lines, so that a stopped run goes on where it stopped; None keeps nothing.
+        folder: keeps each view's lines, so that a stopped run goes on, unless photographs, cameras, head or
+            settings have changed, which is said; None keeps nothing.
         track: shows progress over an iterable, given what is done and how many there are.
 
     Raises:
@@ -89,25 +109,34 @@ def reconstruct(
     if len(views) < 2:
         raise InputError(f"expected at least two views to match lines between, came {len(views)}; add photographs.")
     with TemporaryDirectory() as temporary:
+        seed = int(torch.randint(0, 2**30, (1,), generator=generator))
         work = Work(folder or Path(temporary), views, config.orientation)
+        if folder is not None:
+            work.keep_only(inputs_digest(views, head, _of_views(config, seed)))
         good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
         good = _outside_head([view.camera for view in views], good, head)
         if len(good) < 2:
             raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
         scene = _survey(views, good, head, config, work)
-        seed = int(torch.randint(0, 2**30, (1,), generator=generator))
         cameras = [view.camera for view in views]
         for i in track(good, "lines", len(good)):
             if not work.has_lines(i):
                 neighbours = _neighbours(cameras, good, i, scene.region, config.least_baseline)
                 work.save_lines(i, _match(work, scene, i, neighbours, config, seed + 1000 * i))
-        parts = []
-        for i in track(good, "fusion", len(good)):
-            parts.append(_confirmed(work, cameras, good, i, scene, config))
-    cloud = OrientedPoints(
-        *(torch.cat([getattr(part, name) for part in parts]) for name in OrientedPoints.__annotations__)
-    )
-    return grow_chains(cloud, scene.footprint, config.chains, generator)
+        confirmed, guesses = zip(
+            *(_fuse(work, cameras, good, i, scene, config) for i in track(good, "fusion", len(good))), strict=True
+        )
+    cloud = join_points(confirmed)
+    segments = grow_chains(cloud, scene.footprint, config.chains, generator)
+    if config.gap is None:
+        return segments
+    cell = config.gap * scene.footprint
+    return add_guesses(segments, fill_gaps(join_points(guesses), cloud, cell), 0.5 * cell)
+
+
+def _of_views(config: LmvsConfig, seed: int) -> list[object]:
+    """The settings that a view's lines depend on; fusion is done anew at every run."""
+    return [config.orientation, config.patchmatch, config.least_baseline, config.thickness, config.voxel, seed]
 
 
 def _outside_head(cameras: Sequence[Camera], good: list[int], head: Mesh | None) -> list[int]:
@@ -149,9 +178,10 @@ def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: L
     footprint = float(torch.tensor(footprints).median())
     mesh = None if head is None else warp_mesh(head)
     carver = Carver(region, config.voxel * footprint)
-    for i in good:
-        carver.add(views[i].camera, work.features(i).silhouette, mesh)
-    return _Scene(work, region, carver.hull(), mesh, footprint, masked)
+    sights = [sight_of(views[i].camera, work.features(i).silhouette, mesh) for i in good]
+    for sight in sights:
+        carver.add(sight)
+    return _Scene(work, region, carver.hull(), mesh, sights, footprint, masked)
 
 
 def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
@@ -182,19 +212,23 @@ def _match(work: Work, scene: _Scene, i: int, neighbours: list[int], config: Lmv
     return match_lines(reference, others, pixel, bounds, thickness, settings, seed)
 
 
-def _confirmed(
+def _fuse(
     work: Work, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
-) -> OrientedPoints:
-    """Points of a view that other views confirm."""
+) -> tuple[OrientedPoints, OrientedPoints]:
+    """Lines of a view that other views confirm, and guesses: lines that they do not, the best in each cell."""
     lines = work.lines(i)
     points = line_points(cameras[i], lines)
+    kept = not_seen_empty(points, scene.sights)
+    points, directions = points[kept], lines.direction[kept]
     near = _neighbours(cameras, good, i, scene.region, 0.0)
     others = [(cameras[j], work.lines(j)) for j in near]
     stride = min(level.stride for level in config.patchmatch.levels)
     distance, angle = config.distance * scene.footprint, math.radians(config.angle)
-    votes = confirmations(points, lines.direction, others, distance, angle, stride)
-    keep = votes >= min(config.confirming, 0.5 * len(near))
-    weight = (1 - lines.cost[keep]).clamp(0.05, 1) * (votes[keep] / len(near)).sqrt().clamp(max=1)
-    return OrientedPoints(
-        points[keep], lines.direction[keep], weight, torch.full((int(keep.sum()),), i, dtype=torch.int64)
-    )
+    votes = confirmations(points, directions, others, distance, angle, stride)
+    weight = (1 - lines.cost[kept]).clamp(0.05, 1) * (votes / len(near)).sqrt().clamp(max=1)
+    cloud = OrientedPoints(points, directions, weight, torch.full_like(weight, i, dtype=torch.int64))
+    sure = votes >= min(config.confirming, 0.5 * len(near))
+    confirmed = cloud.select(sure)
+    if config.gap is None or not scene.masked:
+        return confirmed, cloud.select(torch.zeros_like(sure))
+    return confirmed, fill_gaps(cloud.select(~sure), confirmed, config.gap * scene.footprint)

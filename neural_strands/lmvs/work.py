@@ -28,10 +28,23 @@ class Work:
     """Per-view results in a folder, the latest few in memory."""
 
     def __init__(self, folder: Path, views: Sequence[View], config: OrientationConfig) -> None:
-        """Use `folder`; what it holds of these views is used again."""
+        """Use `folder`; what it holds of these views is used again (see `keep_only`)."""
         self.folder, self.views, self.config = folder, views, config
         self._features: OrderedDict[int, Features] = OrderedDict()
         self._lines: OrderedDict[int, LineMap] = OrderedDict()
+
+    def keep_only(self, digest: str) -> None:
+        """Keep what the folder holds if it was made of the same inputs; else say so and remove it."""
+        path = self.folder / "inputs.txt"
+        if path.is_file() and path.read_text() == digest:
+            return
+        stale = [*self.folder.glob("features_*.npz"), *self.folder.glob("lines_*.npz")]
+        if stale:
+            log.warning("%s: made of other photographs or settings; every view is computed again.", self.folder)
+        for old in stale:
+            old.unlink()
+        with atomic_file(path) as temporary:
+            temporary.write_text(digest)
 
     def prepare(self, index: int) -> bool:
         """Compute and store a view's features; False, with a warning, where it shows no hair."""

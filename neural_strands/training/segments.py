@@ -34,7 +34,7 @@ def find_segments(
     """
     random = torch.Generator().manual_seed(seed)
     found = reconstruct(capture_views(capture), head.mesh, LmvsConfig(), random, work, track)
-    return orient_segments(found, head.scalp_mesh, [], GrowthConfig())
+    return orient_segments(found, head.mesh, head.scalp_faces, [], GrowthConfig())
 
 
 def capture_views(capture: Capture) -> list[View]:

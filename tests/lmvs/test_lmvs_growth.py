@@ -36,7 +36,7 @@ def fountain(generator: torch.Generator, strands: int = 300) -> tuple[LineSegmen
 
 def test_segments_run_from_root_to_tip_again(generator: torch.Generator):
     segments, flipped = fountain(generator)
-    found = orient_segments(segments, sphere(), [], GrowthConfig())
+    found = orient_segments(segments, sphere(), None, [], GrowthConfig())
     truth = flip_segments(segments, flipped)
     assert ((found.directions * truth.directions).sum(-1) > 0).float().mean() > 0.99
     assert torch.allclose(found.points, truth.points)
@@ -48,7 +48,7 @@ def test_a_stroke_overrides_and_spreads(generator: torch.Generator):
     # One stroke up against all the hair of one strand: the whole connected style turns round.
     stroke = truth.points[:40].flip(0)
     strong = GrowthConfig(scalp=0.0, gravity=0.0, stroke_reach=2.0)
-    found = orient_segments(segments, sphere(), [stroke], strong)
+    found = orient_segments(segments, sphere(), None, [stroke], strong)
     assert ((found.directions * truth.directions).sum(-1) < 0).float().mean() > 0.95
 
 
@@ -62,4 +62,4 @@ def test_flipping_twice_is_the_identity(generator: torch.Generator):
 
 def test_nothing_stays_nothing():
     empty = LineSegments(torch.zeros(0, 3), torch.zeros(0, 3), torch.zeros(0), torch.zeros(0, dtype=torch.int64))
-    assert len(orient_segments(empty, None, [], GrowthConfig())) == 0
+    assert len(orient_segments(empty, None, None, [], GrowthConfig())) == 0

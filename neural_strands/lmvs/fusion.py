@@ -1,0 +1,46 @@
+"""From the lines of all views to one oriented cloud: what views contradict is dropped, gaps are filled with guesses.
+
+A line that other views confirm is nearly always hair. One that none confirms is hair four times in five, but mostly
+hair that no other view sees, so nothing else can stand for it: it is kept where nothing confirmed is near, thinned.
+"""
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.lmvs.consistency import OrientedPoints
+
+GUESS = 0.1
+"""Confidence of a guess that no view confirms; confirmed chains have more."""
+
+
+def cell_keys(points: Float[Tensor, "point 3"], cell: float) -> Int64[Tensor, " point"]:
+    """One number for the cell of `cell` metres that each point lies in."""
+    index = torch.floor(points / cell).long() + 2**20
+    return (index[:, 0] << 42) + (index[:, 1] << 21) + index[:, 2]
+
+
+def fill_gaps(guesses: OrientedPoints, confirmed: OrientedPoints, cell: float) -> OrientedPoints:
+    """Of each cell of `cell` metres that holds no confirmed line, the guess of most weight."""
+    keys = cell_keys(guesses.points, cell)
+    free = torch.nonzero(~torch.isin(keys, torch.unique(cell_keys(confirmed.points, cell)))).squeeze(1)
+    # Stable sorts by weight, then by cell: the first of a cell is its best, of equals the one that came first.
+    order = free[torch.argsort(guesses.weight[free], descending=True, stable=True)]
+    order = order[torch.argsort(keys[order], stable=True)]
+    first = torch.ones(len(order), dtype=torch.bool, device=keys.device)
+    first[1:] = keys[order][1:] != keys[order][:-1]
+    return guesses.select(order[first])
+
+
+def add_guesses(segments: LineSegments, guesses: OrientedPoints, length: float) -> LineSegments:
+    """Append every guess as a segment of two points, `length` metres apart."""
+    count = len(guesses.points)
+    half = 0.5 * length * guesses.directions
+    ids = segments.segment_count + torch.arange(count, device=half.device)
+    return LineSegments(
+        torch.cat([segments.points, torch.stack([guesses.points - half, guesses.points + half], 1).reshape(-1, 3)]),
+        torch.cat([segments.directions, guesses.directions.repeat_interleave(2, dim=0)]),
+        torch.cat([segments.confidence, segments.confidence.new_full((2 * count,), GUESS)]),
+        torch.cat([segments.segment_id, ids.repeat_interleave(2)]),
+    )

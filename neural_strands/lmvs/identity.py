@@ -1,0 +1,37 @@
+"""What a view's results depend on, as one short text: a folder of results is used again only while it is the same."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from torch import Tensor
+
+from neural_strands import __version__
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs.views import View
+
+
+def inputs_digest(views: Sequence[View], head: Mesh | None, settings: Iterable[object]) -> str:
+    """Digest of photographs, masks, cameras, head, settings and this program's version.
+
+    Args:
+        views: every photograph is read once, one at a time.
+        head: the head, if it is known.
+        settings: whatever else changes results; `repr` must tell two of them apart.
+    """
+    digest = hashlib.sha256(repr([__version__, *settings]).encode())
+    for view in views:
+        camera = view.camera
+        digest.update(repr((camera.name, camera.width, camera.height)).encode())
+        arrays = [camera.intrinsics, camera.world_to_camera, view.load_image()]
+        _add(digest, [*arrays, view.load_mask()] if view.load_mask is not None else arrays)
+    if head is not None:
+        _add(digest, [head.vertices, head.faces])
+    return digest.hexdigest()
+
+
+def _add(digest: "hashlib._Hash", tensors: Sequence[Tensor]) -> None:
+    """Add shapes and values."""
+    for tensor in tensors:
+        digest.update(repr(tuple(tensor.shape)).encode())
+        digest.update(np.ascontiguousarray(tensor.detach().cpu().numpy()).data)

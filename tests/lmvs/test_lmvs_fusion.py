@@ -1,0 +1,122 @@
+"""Fusion against plain numpy: what views see empty, votes of other views, and gaps filled by the best guess."""
+
+import math
+
+import numpy as np
+import torch
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs.bounds import not_seen_empty, sight_of, warp_mesh
+from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
+from neural_strands.lmvs.fusion import add_guesses, fill_gaps
+from neural_strands.lmvs.patchmatch import LineMap
+
+
+def camera(x: float, name: str = "") -> Camera:
+    return Camera.look_at(torch.tensor([x, 0.1, 1.0]), torch.zeros(3), 90.0, (60, 48), name)
+
+
+def wall(z: float) -> Mesh:
+    """A square of 0.2 m at this z."""
+    corners = torch.tensor([[-0.1, -0.1, z], [0.1, -0.1, z], [0.1, 0.1, z], [-0.1, 0.1, z]])
+    return Mesh(corners, torch.tensor([[0, 1, 2], [0, 2, 3]]))
+
+
+def test_points_seen_beside_the_mask_are_dropped_unless_the_head_hides_them(generator: torch.Generator):
+    points = (torch.rand(400, 3, generator=generator) - 0.5) * 0.6
+    views = [camera(x) for x in (-0.5, 0.0, 0.5)]
+    masks = [torch.rand(48, 60, generator=generator) < 0.8 for _ in views]
+    mesh = wall(0.0)
+    kept = not_seen_empty(points, [sight_of(v, m, warp_mesh(mesh)) for v, m in zip(views, masks, strict=True)])
+    expected, sure = np.ones(len(points), bool), np.ones(len(points), bool)
+    for view, mask in zip(views, masks, strict=True):
+        centre = view.position.numpy()
+        for i, point in enumerate(points.numpy()):
+            seen = view.intrinsics.numpy() @ (view.world_to_camera.numpy()[:3] @ np.append(point, 1.0))
+            u, v = seen[:2] / seen[2]
+            if not (0 <= u < 60 and 0 <= v < 48) or mask[int(v), int(u)]:
+                continue
+            # Where the ray to the point meets z = 0: the wall hides what lies behind.
+            share = centre[2] / (centre[2] - point[2])
+            cross = centre + share * (point - centre)
+            near_edge = abs(max(abs(cross[0]), abs(cross[1])) - 0.1) < 0.03
+            hidden = point[2] < 0 and max(abs(cross[0]), abs(cross[1])) < 0.1
+            sure[i] &= not (near_edge or abs(point[2]) < 0.01)
+            expected[i] &= hidden
+    assert sure.sum() > 50
+    assert (kept.numpy() == expected)[sure].all()
+    assert 0.1 < expected[sure].mean() < 0.9
+
+
+def lines_of(view: Camera, depth: float, turn: float, generator: torch.Generator) -> LineMap:
+    """A line at every second pixel, about `depth` away and about along x."""
+    row, column = torch.meshgrid(torch.arange(0, 48, 2), torch.arange(0, 60, 2), indexing="ij")
+    pixel = torch.stack([column, row], dim=-1).reshape(-1, 2)
+    count = len(pixel)
+    angle = turn * (2 * torch.rand(count, generator=generator) - 1)
+    line = torch.stack([torch.cos(angle), torch.sin(angle), torch.zeros(count)], dim=-1)
+    line = line * torch.sign(torch.randn(count, 1, generator=generator))
+    away = depth + 0.01 * torch.randn(count, generator=generator)
+    return LineMap(pixel, away, line, torch.zeros(count))
+
+
+def test_votes_are_those_of_a_loop(generator: torch.Generator):
+    views = [camera(x) for x in (-0.1, 0.0, 0.1)]
+    maps = [lines_of(view, 1.0, 0.6, generator) for view in views]
+    distance, angle = 0.03, math.radians(30)
+    points = line_points(views[0], maps[0])
+    given = list(zip(views[1:], maps[1:], strict=True))
+    found = confirmations(points, maps[0].direction, given, distance, angle, 2)
+    others = [{tuple(p): k for k, p in enumerate((m.pixel // 2).tolist())} for m in maps[1:]]
+    voted = 0
+    for i in range(0, len(points), 7):
+        point, line = points[i].double().numpy(), maps[0].direction[i].double().numpy()
+        votes = 0.0
+        for view, lines, index in zip(views[1:], maps[1:], others, strict=True):
+            seen, _ = view.project(points[i : i + 1])
+            cell = tuple(torch.div(seen[0].floor(), 2, rounding_mode="floor").long().tolist())
+            if cell not in index or not (0 <= seen[0, 0] < 60 and 0 <= seen[0, 1] < 48):
+                continue
+            k = index[cell]
+            other = line_points(view, lines)[k].double().numpy()
+            way = lines.direction[k].double().numpy()
+            off = math.acos(min(abs(way @ line), 1.0))
+            gap = np.linalg.norm(other - point)
+            if gap >= distance or off >= angle:
+                continue
+            votes += math.sqrt(1 - gap / distance) * (1 - off / angle)
+        voted += votes > 0
+        assert abs(float(found[i]) - votes) < 2e-3
+    assert voted > 20
+
+
+def cloud(points: list[list[float]], weight: list[float]) -> OrientedPoints:
+    count = len(points)
+    lines = torch.tensor([[1.0, 0.0, 0.0]]).repeat(count, 1)
+    return OrientedPoints(torch.tensor(points), lines, torch.tensor(weight), torch.zeros(count, dtype=torch.int64))
+
+
+def test_gaps_take_the_best_guess_of_each_empty_cell():
+    confirmed = cloud([[0.5, 0.5, 0.5]], [0.1])
+    guesses = cloud(
+        [[0.2, 0.2, 0.2], [1.2, 0.5, 0.5], [1.8, 0.5, 0.5], [-0.5, 0.5, 0.5], [-0.4, 0.5, 0.5], [9.0, 9.0, 9.0]],
+        [0.9, 0.3, 0.6, 0.2, 0.2, 0.0],
+    )
+    found = fill_gaps(guesses, confirmed, 1.0)
+    assert sorted(round(float(x), 3) for x in found.points[:, 0]) == [-0.5, 1.8, 9.0]
+
+
+def test_fusion_of_nothing_is_nothing():
+    empty = cloud([[0.0, 0.0, 0.0]], [1.0]).select(torch.zeros(1, dtype=torch.bool))
+    assert len(fill_gaps(empty, empty, 1.0).points) == 0
+
+
+def test_guesses_become_short_segments_after_the_others():
+    ids = torch.tensor([0, 0, 0])
+    chain = LineSegments(torch.zeros(3, 3), torch.tensor([[0.0, 1.0, 0.0]]).repeat(3, 1), torch.ones(3), ids)
+    joined = add_guesses(chain, cloud([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [0.5, 0.5]), 0.2)
+    assert joined.segment_id.tolist() == [0, 0, 0, 1, 1, 2, 2]
+    assert torch.allclose(joined.points[3:, 0], torch.tensor([0.9, 1.1, 1.9, 2.1]))
+    assert (joined.confidence[3:] < 0.2).all()
