@@ -1,6 +1,7 @@
 """`neural-strands lmvs`: line segments of the hair from a capture's photographs."""
 
 import json as json_module
+import math
 import sys
 import time
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Annotated
 import tyro
 
 from neural_strands.cli.device import seeded
+from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
 
@@ -33,6 +35,8 @@ class Lmvs:
     complete: bool = False
     """Fill the gaps between what several views confirm with lines that one view alone sees, thinned and of confidence
     0.1: far more of the hair, fewer of the points right. Needs hair masks."""
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """Against gravity, in the capture's axes: hair hangs where nothing else says which way it grows."""
     seed: int = 0
     """Of every random choice."""
     json: bool = False
@@ -48,6 +52,8 @@ class Lmvs:
         from neural_strands.lmvs.strokes import read_strokes
         from neural_strands.training.segments import capture_views
 
+        if not 0 < math.hypot(*self.up) < math.inf:
+            raise InputError(f"--up: expected three finite numbers that are not all zero, came {self.up}.")
         begin = time.perf_counter()
         capture = Capture.load(self.capture)
         if self.views is not None:
@@ -56,7 +62,8 @@ class Lmvs:
         config = LmvsConfig(gap=GAP if self.complete else None)
         segments = reconstruct(views, capture.head, config, seeded(self.seed), self.out / "work", track)
         strokes = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras, segments)
-        segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig())
+        x, y, z = (axis / math.hypot(*self.up) for axis in self.up)
+        segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig(), (x, y, z))
         for suffix in ("npz", "ply"):
             save_segments(self.out / f"segments.{suffix}", segments)
         write_report(views, capture.head, segments, self.out)

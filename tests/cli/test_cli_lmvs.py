@@ -124,6 +124,8 @@ def test_refusals_are_one_sentence(ball, tmp_path, capsys):
     assert "at least two views" in capsys.readouterr().err
     assert main(["lmvs", str(tmp_path / "none"), str(tmp_path / "two")]) == 2
     assert "none" in capsys.readouterr().err
+    assert main(["lmvs", str(ball), str(tmp_path / "two"), "--up", "0", "0", "0"]) == 2
+    assert "--up: expected three finite numbers" in capsys.readouterr().err
     vertices = (ball / "head.obj").read_text().splitlines()
     scaled = [
         "v " + " ".join(str(1000 * float(x)) for x in line.split()[1:4]) if line.startswith("v ") else line
