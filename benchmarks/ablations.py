@@ -193,6 +193,20 @@ def contact_sheet(names: list[str], capture: Capture, out: Path) -> None:
         figure.savefig(temporary, dpi=110)
 
 
+def write_results(names: list[str], capture: Capture, out: Path) -> None:
+    """The tables and the contact sheet of every variant that is finished."""
+    results = {}
+    for name in names:
+        finished = out / folder_name(name) / "figures.json"
+        if finished.is_file():
+            results[name] = json.loads(finished.read_text())
+    with atomic_file(out / "table.json") as temporary:
+        temporary.write_text(json.dumps(results, indent=1))
+    with atomic_file(out / "table.txt") as temporary:
+        temporary.write_text(table(results))
+    contact_sheet(list(results), capture, out)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("capture", type=Path)
@@ -213,19 +227,12 @@ def main() -> None:
         )
     capture = Capture.load(arguments.capture)
     shared_segments(capture, arguments.out, base)
-    results = {}
     for name, variant in chosen.items():
-        finished = arguments.out / folder_name(name) / "figures.json"
-        if not finished.is_file() and arguments.only and name not in arguments.only:
+        if arguments.only and name not in arguments.only:
             continue
         run_variant(name, variant, arguments.capture, arguments.out)
-        results[name] = json.loads(finished.read_text())
-        with atomic_file(arguments.out / "table.json") as temporary:
-            temporary.write_text(json.dumps(results, indent=1))
-        with atomic_file(arguments.out / "table.txt") as temporary:
-            temporary.write_text(table(results))
-        contact_sheet(list(results), capture, arguments.out)
-    print(table(results), end="")
+        write_results(list(chosen), capture, arguments.out)
+    print((arguments.out / "table.txt").read_text(), end="")
 
 
 if __name__ == "__main__":
