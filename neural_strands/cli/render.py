@@ -121,8 +121,10 @@ class Render:
         if self.out.suffix.lower() not in VIDEO_SUFFIXES:
 
             def write_image(name: str, frame: "np.ndarray") -> None:
-                with atomic_file(self.out / f"{Path(name).stem}.png") as temporary:
-                    cv2.imwrite(str(temporary), frame)
+                path = self.out / f"{Path(name).stem}.png"
+                with atomic_file(path) as temporary:
+                    if not cv2.imwrite(str(temporary), frame):
+                        raise InputError(f"{path}: expected room to write an image, could not; free disk space.")
 
             yield write_image
             return

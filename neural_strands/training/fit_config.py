@@ -57,7 +57,7 @@ class FitRates:
 class FitConfig:
     """One fit, resolved: saved beside its results and compared at resume."""
 
-    steps: int = 2400
+    steps: int = 5000
     """Optimisation steps in all."""
     strands: int = 10_000
     """Strands in the result: one a root."""

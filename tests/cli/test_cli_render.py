@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from full_disk import smallest_files
 
 from neural_strands.cli.main import main
 from neural_strands.geometry.mesh import Mesh
@@ -108,3 +109,11 @@ def test_turntable_sees_all_points_and_begins_in_front():
         assert (depth > 0).all()
         inside = ((pixels > 0) & (pixels < torch.tensor([64, 48]))).all(dim=-1)
         assert inside.float().mean() > 0.97
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_no_broken_image(saved, tmp_path, capsys):
+    out = tmp_path / "views"
+    with smallest_files(100):
+        assert main(["render", str(saved), "--turntable", "1", "--out", str(out)]) == 2
+    assert "disk" in capsys.readouterr().err.splitlines()[-1]
+    assert not list(out.glob("*.png"))
