@@ -5,7 +5,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -26,6 +26,8 @@ class Demo:
 
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the results."""
+    style: Literal["short", "straight", "wavy", "curly"] = "straight"
+    """Style of the true groom. Pictures of 256 pixels cannot hold waves or curls: for those ask for more of them."""
     strands: int = 10_000
     """Strands of the true groom."""
     views: int = 24
@@ -43,7 +45,12 @@ class Demo:
         seconds: dict[str, float] = {}
         stages = {
             "synthesize": Synthesize(
-                capture, strands=self.strands, views=self.views, resolution=self.resolution, seed=self.seed
+                capture,
+                style=self.style,
+                strands=self.strands,
+                views=self.views,
+                resolution=self.resolution,
+                seed=self.seed,
             ),
             "check": Check(capture),
             "fit": Fit(capture, run, preset="demo", steps=self.steps, resume=True, seed=self.seed),

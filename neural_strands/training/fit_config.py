@@ -31,7 +31,7 @@ class FitWeights:
     """Squared colour error."""
     perceptual: float = 0.04
     """LPIPS, within the rendering loss (the paper: 0.1 beside a sum)."""
-    alpha: float = 0.1
+    alpha: float = 0.5
     """Squared opacity error on the trimap."""
     head: float = 1.0
     """Depth of strands inside the head."""
@@ -112,7 +112,7 @@ def preset(name: Preset) -> FitConfig:
         unet=UNetConfig(widths=(12, 24, 32)),
     )
     configs = {
-        "demo": FitConfig(steps=500, strands=6000, strands_per_step=2000, step_points=40, crop=128, model=small),
+        "demo": FitConfig(steps=400, strands=6000, strands_per_step=2000, step_points=40, crop=128, model=small),
         "fast": FitConfig(),
         "paper": replace(
             FitConfig(),
