@@ -1,5 +1,6 @@
 """Fixtures that every test may use."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,10 +9,19 @@ import torch
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
-@pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+@pytest.fixture(params=["cpu", "emulated", pytest.param("cuda", marks=pytest.mark.gpu)])
 def device(request: pytest.FixtureRequest) -> torch.device:
     """Each device that a test should hold on."""
-    return request.getfixturevalue("cuda") if request.param == "cuda" else torch.device("cpu")
+    return torch.device("cpu") if request.param == "cpu" else request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def emulated() -> Iterator[torch.device]:
+    """A device that refuses what CUDA refuses and computes on the CPU."""
+    from emulated_device import emulated_cuda
+
+    with emulated_cuda() as device:
+        yield device
 
 
 @pytest.fixture

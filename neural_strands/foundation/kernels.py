@@ -59,7 +59,7 @@ def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.devi
         return
     if device.type == "cuda":
         stream = wp.stream_from_torch(torch.cuda.current_stream(device))
-        wp.launch(kernel, dim=count, inputs=list(inputs), device=wp.device_from_torch(device), stream=stream)
+        wp.launch(kernel, dim=count, inputs=list(inputs), device=_warp_device(device), stream=stream)
         return
     wp.launch(kernel, dim=count, inputs=list(inputs), device="cpu")
 
@@ -86,4 +86,9 @@ def load(kernel: Kernel, device: torch.device | str) -> None:
     """Compile and load a kernel's module now (cached between processes) rather than at its first launch."""
     start_warp()
     device = torch.device(device)
-    kernel.module.load("cpu" if device.type == "cpu" else wp.device_from_torch(device))
+    kernel.module.load("cpu" if device.type == "cpu" else _warp_device(device))
+
+
+def _warp_device(device: torch.device) -> Any:
+    """Warp's name of a CUDA device; Warp itself knows no device without a number, torch's current one."""
+    return wp.device_from_torch(torch.device("cuda", torch.cuda.current_device()) if device.index is None else device)

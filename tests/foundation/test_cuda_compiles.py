@@ -1,0 +1,43 @@
+"""Every Warp kernel compiles for CUDA. No device is needed: NVRTC comes with Warp."""
+
+import importlib
+import pkgutil
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+import neural_strands
+from neural_strands.foundation.kernels import start_warp
+
+OLDEST, NEWEST = 75, 90
+"""Compute capabilities: the oldest that Warp 1.19 makes code for (Turing), and Hopper."""
+
+
+def modules_with_kernels() -> list[str]:
+    """Modules of the package that define kernels, found in their source."""
+    found = []
+    for module in pkgutil.walk_packages(neural_strands.__path__, "neural_strands."):
+        path = Path(*neural_strands.__path__, *module.name.split(".")[1:]).with_suffix(".py")
+        if path.is_file() and "@wp.kernel" in path.read_text(encoding="utf-8"):
+            found.append(module.name)
+    return found
+
+
+def test_the_search_finds_kernels():
+    assert len(modules_with_kernels()) >= 9
+
+
+@pytest.mark.parametrize("name", modules_with_kernels())
+@pytest.mark.parametrize("architecture", [OLDEST, NEWEST])
+def test_kernels_compile_for_cuda(name: str, architecture: int, tmp_path: Path):
+    start_warp()
+    if architecture not in wp.get_cuda_supported_archs():
+        pytest.skip(f"this Warp does not compile for compute capability {architecture}")
+    kernels = set(wp.get_module(importlib.import_module(name).__name__).kernels)
+    artifacts = wp.compile_aot_module(name, arch=architecture, module_dir=tmp_path, use_ptx=True)
+    code = artifacts[0].read_text()
+    assert f".target sm_{architecture}" in code
+    assert kernels
+    missing = [kernel for kernel in kernels if not any(f".entry {kernel}" in line for line in code.splitlines())]
+    assert missing == []
