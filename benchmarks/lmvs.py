@@ -1,6 +1,6 @@
 """Line-based multi-view stereo: time and memory of a capture end to end, and its score against the ground truth.
 
-Usage: python benchmarks/lmvs.py CAPTURE OUT [--keep]; OUT/work is emptied first unless --keep is given.
+Usage: python benchmarks/lmvs.py CAPTURE OUT [--keep] [--device cuda]; OUT/work is emptied first unless --keep is given.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from neural_strands.geometry.strands import directions, lengths
 from neural_strands.lmvs.files import save_segments
 from neural_strands.lmvs.growth import GrowthConfig, orient_segments
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
-from neural_strands.training.segments import capture_views
+from neural_strands.training.segments import capture_views, moved
 
 THRESHOLDS = [(0.001, 0.17453), (0.002, 0.34907), (0.003, 0.5236)]
 STEP = 0.0005
@@ -31,13 +31,17 @@ def main() -> None:
     parser.add_argument("capture", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--keep", action="store_true")
+    parser.add_argument("--device", default="cpu")
     given = parser.parse_args()
     if not given.keep:
         shutil.rmtree(given.out / "work", ignore_errors=True)
     capture = Capture.load(given.capture)
     begin = time.perf_counter(), time.process_time()
     generator = torch.Generator().manual_seed(0)
-    segments = reconstruct(capture_views(capture), capture.head, LmvsConfig(), generator, given.out / "work", track)
+    views = [moved(view, given.device) for view in capture_views(capture)]
+    head = None if capture.head is None else capture.head.to(given.device)
+    # Back on the CPU, so all of it is done when the clock is read.
+    segments = reconstruct(views, head, LmvsConfig(), generator, given.out / "work", track).to("cpu")
     segments = orient_segments(segments, capture.head, capture.scalp_faces, [], GrowthConfig())
     wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from neural_strands.cli.device import seeded
+from neural_strands.cli.device import DeviceName, pick_device, seeded
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
@@ -39,6 +39,8 @@ class Lmvs:
     """Against gravity, in the capture's axes: hair hangs where nothing else says which way it grows."""
     seed: int = 0
     """Of every random choice."""
+    device: DeviceName = "auto"
+    """Where to compute."""
     json: bool = False
     """Print one JSON object instead of a sentence."""
 
@@ -50,7 +52,7 @@ class Lmvs:
         from neural_strands.lmvs.reconstruct import GAP, LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
         from neural_strands.lmvs.strokes import read_strokes
-        from neural_strands.training.segments import capture_views
+        from neural_strands.training.segments import capture_views, moved
 
         if not 0 < math.hypot(*self.up) < math.inf:
             raise InputError(f"--up: expected three finite numbers that are not all zero, came {self.up}.")
@@ -60,7 +62,9 @@ class Lmvs:
             capture = capture.subset(self.views)
         views = capture_views(capture)
         config = LmvsConfig(gap=GAP if self.complete else None)
-        segments = reconstruct(views, capture.head, config, seeded(self.seed), self.out / "work", track)
+        device = pick_device(self.device)
+        there, head = [moved(view, device) for view in views], None if capture.head is None else capture.head.to(device)
+        segments = reconstruct(there, head, config, seeded(self.seed), self.out / "work", track).to("cpu")
         strokes = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras, segments)
         x, y, z = (axis / math.hypot(*self.up) for axis in self.up)
         segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig(), (x, y, z))

@@ -73,10 +73,11 @@ def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool
         hairs: per camera, the pixels (x, y) between which hair is seen: left, top, right, bottom.
         masked: whether these come from masks; if not, some may be far too large, and the median counts.
     """
-    system, right = torch.zeros(3, 3), torch.zeros(3)
+    device = cameras[0].intrinsics.device
+    system, right = torch.zeros(3, 3, device=device), torch.zeros(3, device=device)
     for camera, box in zip(cameras, hairs, strict=True):
         axis = camera.rays(0.5 * (box[:2] + box[2:]))
-        project = torch.eye(3) - axis[:, None] * axis
+        project = torch.eye(3, device=device) - axis[:, None] * axis
         system += project
         right += project @ camera.position
     centre = torch.linalg.solve(system, right)

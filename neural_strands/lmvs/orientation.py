@@ -70,7 +70,7 @@ def orientation_map(brightness: Float[Tensor, "height width"], config: Orientati
     spectrum = torch.fft.fft2(padded, s=size)
     energy = brightness.new_zeros(config.angles, height, width)
     for scale in config.scales:
-        bank = _filter_bank(config, scale, size).to(brightness.device)
+        bank = _filter_bank(config, scale, size, brightness.device)
         for k in range(config.angles):
             response = torch.fft.ifft2(spectrum * bank[k])[margin : margin + height, margin : margin + width]
             energy[k] += response.abs()
@@ -98,7 +98,9 @@ def angle_difference(first: Float[Tensor, "*batch"], second: Float[Tensor, "*bat
 
 
 @functools.lru_cache(maxsize=8)
-def _filter_bank(config: OrientationConfig, scale: float, size: tuple[int, int]) -> Float[Tensor, "angle height width"]:
+def _filter_bank(
+    config: OrientationConfig, scale: float, size: tuple[int, int], device: torch.device
+) -> Float[Tensor, "angle height width"]:
     """Spectra of complex Gabor filters (even part real, odd part imaginary), of unit gain at the carrier.
 
     A Gaussian window of standard deviations (along, across) on a carrier across the line has for a spectrum a Gaussian
@@ -111,7 +113,7 @@ def _filter_bank(config: OrientationConfig, scale: float, size: tuple[int, int])
         along = (x * cosine + y * sine) * (2 * math.pi * config.along * scale)
         across = (y * cosine - x * sine) * scale - 1 / config.wavelength
         bank.append(torch.exp(-0.5 * along**2 - 0.5 * (across * 2 * math.pi * config.across) ** 2))
-    return torch.stack(bank)
+    return torch.stack(bank).to(device)
 
 
 def _peak(response: Float[Tensor, "angle height width"]) -> OrientationMap:

@@ -64,7 +64,7 @@ class Work:
             path = self._path(index, "features")
             if path.is_file():
                 with np.load(path) as stored:
-                    arrays = {name: torch.from_numpy(stored[name]) for name in stored.files}
+                    arrays = {name: torch.from_numpy(stored[name]).to(self._device(index)) for name in stored.files}
                 features = Features(
                     self.views[index].camera, arrays["texture"].float(), arrays["hair"], arrays["silhouette"]
                 )
@@ -100,12 +100,16 @@ class Work:
         if index not in self._lines:
             with np.load(self._path(index, "lines")) as stored:
                 self._lines[index] = LineMap(
-                    **{name: torch.from_numpy(stored[name]) for name in LineMap.__annotations__}
+                    **{name: torch.from_numpy(stored[name]).to(self._device(index)) for name in LineMap.__annotations__}
                 )
         self._lines.move_to_end(index)
         while len(self._lines) > KEPT:
             self._lines.popitem(last=False)
         return self._lines[index]
+
+    def _device(self, index: int) -> torch.device:
+        """Where a view is worked on."""
+        return self.views[index].camera.intrinsics.device
 
     def _path(self, index: int, kind: str) -> Path:
         name = self.views[index].camera.name or f"{index:04d}"

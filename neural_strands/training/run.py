@@ -147,7 +147,7 @@ def run_fit(
         write_description(folder, described)
         if not folder.segments.is_file():
             found = load_segments(request.segments) if request.segments is not None else None
-            save_segments(folder.segments, found or _stereo(folder, capture, head, config, say, track))
+            save_segments(folder.segments, found or _stereo(folder, capture, head, config, device, say, track))
     workers.wait()
     segments = load_segments(folder.segments)
     data = prepare(capture, head, segments, config, device)
@@ -207,13 +207,14 @@ def _stereo(
     capture: Capture,
     head: Head,
     config: FitConfig,
+    device: torch.device,
     say: Callable[[str], None],
     track: Callable[[Iterable, str, int], Iterable],
 ) -> LineSegments:
     """Segments of the training views; what is finished of them is kept in the run's folder."""
     say("line-based multi-view stereo over the training views")
     seen = capture.subset(training_views(capture, config))
-    return find_segments(seen, head, config.seed, folder.path / "lmvs", track)
+    return find_segments(seen, head, config.seed, folder.path / "lmvs", track, device)
 
 
 def _steps(

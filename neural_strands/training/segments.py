@@ -22,8 +22,9 @@ def find_segments(
     seed: int,
     work: Path,
     track: Callable[[Iterable, str, int], Iterable],
+    device: torch.device | str = "cpu",
 ) -> LineSegments:
-    """Segments of these views, signed from root to tip.
+    """Segments of these views, signed from root to tip, on the CPU.
 
     Args:
         capture: the views that may be seen.
@@ -31,9 +32,11 @@ def find_segments(
         seed: of every random choice.
         work: folder where finished views are kept, so that a stopped run goes on.
         track: shows progress of a loop.
+        device: where the stereo is computed; growth directions are the CPU's.
     """
     random = torch.Generator().manual_seed(seed)
-    found = reconstruct(capture_views(capture), head.mesh, LmvsConfig(), random, work, track)
+    views = [moved(view, device) for view in capture_views(capture)]
+    found = reconstruct(views, head.mesh.to(device), LmvsConfig(), random, work, track).to("cpu")
     return orient_segments(found, head.mesh, head.scalp_faces, [], GrowthConfig())
 
 
@@ -43,6 +46,17 @@ def capture_views(capture: Capture) -> list[View]:
         View(camera, partial(capture.image, index), _mask_loader(capture, index))
         for index, camera in enumerate(capture.cameras)
     ]
+
+
+def moved(view: View, device: torch.device | str) -> View:
+    """The view with its camera, and what it reads, on `device`."""
+    load_mask = None if view.load_mask is None else partial(_read_to, view.load_mask, device)
+    return View(view.camera.to(device), partial(_read_to, view.load_image, device), load_mask)
+
+
+def _read_to(load: Callable[[], Tensor], device: torch.device | str) -> Tensor:
+    """What a loader reads, on `device`."""
+    return load().to(device)
 
 
 def _mask_loader(capture: Capture, index: int) -> Callable[[], Float[Tensor, "height width"]] | None:
