@@ -16,7 +16,7 @@ from torch import Tensor
 
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
 from neural_strands.capture.head_files import read_ground_truth, read_head, read_scalp_faces
-from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, to_unit
+from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, to_unit, unit_tensor
 from neural_strands.capture.transforms import read_transforms
 from neural_strands.capture.view import View
 from neural_strands.foundation.errors import InputError
@@ -81,22 +81,22 @@ class Capture:
         """The same capture with only these views, in this order; the cache is shared."""
         return replace(self, views=tuple(self.views[index] for index in indices))
 
-    def image(self, index: int) -> Float[Tensor, "height width 3"]:
-        """The undistorted photograph, sRGB in [0, 1]; transparent pixels lie over black.
+    def image(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width 3"]:
+        """The undistorted photograph, sRGB in [0, 1], on `device`; transparent pixels lie over black.
 
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
-        return torch.from_numpy(to_unit(self._decode(self.views[index], "image")))
+        return unit_tensor(self._decode(self.views[index], "image"), device)
 
-    def hair_mask(self, index: int) -> Float[Tensor, "height width"] | None:
-        """Coverage of hair in [0, 1], undistorted; None without a mask.
+    def hair_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
+        """Coverage of hair in [0, 1], undistorted, on `device`; None without a mask.
 
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
         view = self.views[index]
-        return None if view.hair_mask_path is None else torch.from_numpy(to_unit(self._decode(view, "hair")))
+        return None if view.hair_mask_path is None else unit_tensor(self._decode(view, "hair"), device)
 
     def person_mask(self, index: int) -> Float[Tensor, "height width"] | None:
         """Coverage of the person in [0, 1], undistorted: the mask file, or else the image's alpha, or else None.

@@ -1,5 +1,6 @@
 """The choice of a device and of a seeded generator, made once a command."""
 
+import os
 from typing import Literal
 
 import torch
@@ -10,16 +11,21 @@ DeviceName = Literal["auto", "cpu", "cuda"]
 
 
 def pick_device(name: DeviceName) -> torch.device:
-    """Return the named device; `auto` takes CUDA where there is one.
+    """Return the named device; `auto` takes CUDA where there is one, and torchrun's processes take one GPU each.
 
     Raises:
-        InputError: CUDA is asked for and absent.
+        InputError: CUDA is asked for and absent, or torchrun started more processes than there are GPUs.
     """
     if name == "cuda" and not torch.cuda.is_available():
         raise InputError("--device cuda: expected a CUDA device, found none; use --device cpu or auto.")
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    return torch.device(name)
+    if name == "cpu" or not torch.cuda.is_available():
+        return torch.device("cpu")
+    number, there = int(os.environ.get("LOCAL_RANK", "0")), torch.cuda.device_count()
+    if number >= there:
+        raise InputError(f"torchrun: expected at most {there} processes, one a GPU, came number {number + 1}.")
+    # NCCL and Warp ask for the current device.
+    torch.cuda.set_device(number)
+    return torch.device("cuda", number)
 
 
 def seeded(seed: int, device: torch.device | str = "cpu") -> torch.Generator:

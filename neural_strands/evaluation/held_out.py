@@ -9,6 +9,7 @@ from torch import Tensor
 
 from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips
+from neural_strands.foundation.precision import exact_convolutions
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
@@ -60,7 +61,8 @@ def view_qualities(
         output = model.render(strands, camera)
         shown = output.rgb.clamp(0, 1)
         region = ((output.alpha if mask is None else mask) >= HAIR_COVERAGE).to(shown)
-        distance = None if metric is None else float(metric(shown, image, region))
+        with exact_convolutions():
+            distance = None if metric is None else float(metric(shown, image, region))
         quality = (float(psnr(shown, image, region)), float(ssim(shown, image, region)))
         results.append(ViewQuality(camera.name, *quality, distance, shown.cpu(), output.alpha.cpu(), image.cpu()))
     return results

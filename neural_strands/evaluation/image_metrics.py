@@ -4,6 +4,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.precision import exact_convolutions
+
 WINDOW = 11
 """Width of SSIM's Gaussian window, pixels (Wang et al. 2004)."""
 SIGMA = 1.5
@@ -80,6 +82,7 @@ def _blur(image: Float[Tensor, "*batch height width channel"]) -> Float[Tensor, 
     window = window / window.sum()
     planes = image.movedim(-1, -3)
     flat = planes.reshape(-1, 1, *planes.shape[-2:])
-    flat = torch.nn.functional.conv2d(flat, window[None, None, :, None])
-    flat = torch.nn.functional.conv2d(flat, window[None, None, None, :])
+    with exact_convolutions():
+        flat = torch.nn.functional.conv2d(flat, window[None, None, :, None])
+        flat = torch.nn.functional.conv2d(flat, window[None, None, None, :])
     return flat.reshape(*planes.shape[:-2], *flat.shape[-2:]).movedim(-3, -1)

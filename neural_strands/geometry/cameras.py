@@ -118,13 +118,13 @@ class Camera:
     def unproject(self, pixels: Float[Tensor, "*batch 2"], depth: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Lift pixels at a depth along the optical axis (metres) to world points."""
         homogeneous = torch.cat([pixels, torch.ones_like(pixels[..., :1])], dim=-1)
-        in_camera = (homogeneous @ torch.linalg.inv(self.intrinsics).T) * depth[..., None]
+        in_camera = (homogeneous @ self._inverse_intrinsics().T) * depth[..., None]
         return (in_camera - self.world_to_camera[:3, 3]) @ self.rotation
 
     def rays(self, pixels: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 3"]:
         """Unit world directions from the optical centre through `pixels`."""
         homogeneous = torch.cat([pixels, torch.ones_like(pixels[..., :1])], dim=-1)
-        directions = homogeneous @ (torch.linalg.inv(self.intrinsics).T @ self.rotation)
+        directions = homogeneous @ (self._inverse_intrinsics().T @ self.rotation)
         return torch.nn.functional.normalize(directions, dim=-1)
 
     def pixel_centres(self) -> Float[Tensor, "height width 2"]:
@@ -132,6 +132,10 @@ class Camera:
         x = torch.arange(self.width, device=self.intrinsics.device, dtype=self.intrinsics.dtype) + 0.5
         y = torch.arange(self.height, device=self.intrinsics.device, dtype=self.intrinsics.dtype) + 0.5
         return torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
+
+    def _inverse_intrinsics(self) -> Float[Tensor, "3 3"]:
+        """Pixels to camera axes. `inv` would have the host wait for CUDA to say that the matrix is regular."""
+        return torch.linalg.inv_ex(self.intrinsics).inverse
 
     def footprint(self, depth: float) -> float:
         """Width in metres that one pixel covers at `depth` metres."""

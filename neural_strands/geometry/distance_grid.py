@@ -1,5 +1,6 @@
 """Signed distance sampled on a grid once, then read trilinearly: cheap enough for every training step."""
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -47,6 +48,11 @@ class SignedDistanceGrid:
     def __call__(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
         """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest place in it."""
         return _Trilinear.apply(points.reshape(-1, 3), self).reshape(points.shape[:-1])
+
+    @functools.cached_property
+    def _corner(self) -> wp.vec3:
+        """`lower` as kernels take it, read from the device once and not at every call."""
+        return wp.vec3(*self.lower.tolist())
 
     @property
     def largest_error(self) -> float:
@@ -98,7 +104,7 @@ def _value_and_slope(
     value, gradient = flat.new_zeros(len(flat)), torch.zeros_like(flat)
     inputs = [
         kernels.array(grid.values.float()),
-        wp.vec3(*grid.lower.tolist()),
+        grid._corner,
         grid.spacing,
         kernels.array(flat, wp.vec3),
         kernels.array(value),

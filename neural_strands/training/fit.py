@@ -97,7 +97,7 @@ def fit(
         with_images = step >= images_from
         in_turn = config.shape_every > 0 and (step - images_from) % config.shape_every == 0
         shape_moves = in_turn or not with_images
-        figures: dict[str, float] = {}
+        figures: dict[str, Tensor] = {}
         if step == images_from:
             _first_colours(state, data, config)
         if shape_moves:
@@ -113,7 +113,9 @@ def fit(
         if shape_moves and (with_images or step % REFRESH_EVERY == 0):
             _decode_all(state, config)
         if after_step is not None:
-            after_step(state, figures | {"step": float(state.step), "seconds": time.perf_counter() - began})
+            # Only here does the host wait for the device: all of the step is in its seconds.
+            numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
+            after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
 
 
 def networks(model: HairModel) -> list[Parameter]:
@@ -126,7 +128,7 @@ def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
     return torch.Generator().manual_seed((config.seed * 1_000_003 + step) * 1_009 + place)
 
 
-def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, float]:
+def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, Tensor]:
     """Geometric loss and head penalty of some strands; every process computes the same and adds its share."""
     model, device = state.model, state.remembered.device
     random = step_generator(config, state.step, 0)
@@ -139,7 +141,7 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     total = config.weights.geometry * (losses.surface + losses.coverage) + config.weights.head * losses.head
     (total / workers.count).backward()
     state.remembered[index] = strands.detach()
-    return {name: float(getattr(losses, name).detach()) for name in ("surface", "coverage", "head")}
+    return {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head")}
 
 
 def _image_part(
@@ -149,10 +151,11 @@ def _image_part(
     perceptual: Perceptual | None,
     workers: Workers,
     shape_moves: bool,
-) -> dict[str, float]:
+) -> dict[str, Tensor]:
     """Rendering and alpha losses of this process's share of the step's regions."""
     model, weights = state.model, config.weights
-    sums = {"render": 0.0, "perceptual": 0.0, "alpha": 0.0}
+    nothing = torch.zeros((), device=state.drawn.device)
+    sums = {"render": nothing, "perceptual": nothing, "alpha": nothing}
     for place in workers.share(config.views_per_step):
         random = step_generator(config, state.step, 1 + place)
         view = int(torch.randint(len(data.capture), (1,), generator=random))
@@ -173,7 +176,7 @@ def _image_part(
             parts["perceptual"] = weights.render * weights.perceptual * perceptual(image, photograph)
         (sum(parts.values(), torch.zeros((), device=points.device)) / config.views_per_step).backward()
         for name, value in parts.items():
-            sums[name] += float(value.detach()) / config.views_per_step
+            sums[name] = sums[name] + value.detach() / config.views_per_step
     return sums
 
 

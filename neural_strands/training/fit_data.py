@@ -45,12 +45,8 @@ class FitData:
     def observation(self, view: int) -> Observation:
         """A training view: camera, photograph, hair mask if there is one."""
         device = self.segments.points.device
-        mask = self.capture.hair_mask(view)
-        return Observation(
-            self.capture.cameras[view].to(device),
-            self.capture.image(view).to(device),
-            None if mask is None else mask.to(device),
-        )
+        camera = self.capture.cameras[view].to(device)
+        return Observation(camera, self.capture.image(view, device), self.capture.hair_mask(view, device))
 
     def observations(self) -> Sequence[Observation]:
         """All training views, each read when its turn comes."""

@@ -39,6 +39,6 @@ class MaskedViews:
     def __iter__(self) -> Iterator[tuple[Camera, Float[Tensor, "height width"]]]:
         """Camera and hair coverage of each view."""
         for index in self.indices:
-            mask = self.capture.hair_mask(index)
+            mask = self.capture.hair_mask(index, self.device)
             if mask is not None:
-                yield self.capture.cameras[index].to(self.device), mask.to(self.device)
+                yield self.capture.cameras[index].to(self.device), mask

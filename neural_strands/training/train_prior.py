@@ -193,7 +193,8 @@ def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, floa
     Raises:
         InputError: a loss is not finite.
     """
-    values = {name: float(value.detach()) for name, value in losses.items()}
+    total = torch.stack(list(losses.values()))
+    values = dict(zip(losses, total.tolist(), strict=True))
     if not all(math.isfinite(value) for value in values.values()):
         raise InputError(
             f"training: expected finite losses at step {run.step}, found {values}; lower the learning rate and go on "
@@ -202,7 +203,7 @@ def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, floa
     for group in run.optimiser.param_groups:
         group["lr"] = group["highest"] * learning_rate(run.step, steps)
     run.optimiser.zero_grad(set_to_none=True)
-    torch.stack(list(losses.values())).sum().backward()
+    total.sum().backward()
     parameters = [value for group in run.optimiser.param_groups for value in group["params"]]
     torch.nn.utils.clip_grad_norm_(parameters, 5.0)
     run.optimiser.step()

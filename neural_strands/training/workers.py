@@ -3,10 +3,14 @@
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import timedelta
 
 import torch
 from torch import distributed
 from torch.nn import Parameter
+
+PATIENCE = timedelta(hours=2)
+"""How long processes wait for the one that makes segments; NCCL's own limit is ten minutes."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class Workers:
         if count == 1:
             return cls()
         if not distributed.is_initialized():
-            distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
+            distributed.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=PATIENCE)
         return cls(distributed.get_rank(), distributed.get_world_size())
 
     @property
