@@ -68,7 +68,7 @@ def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, emulated):
 
 def test_a_fit_in_bfloat16_stays_near_it(folder, emulated):
     _, rough = fitted(folder, emulated, SHORT)
-    _, exact = fitted(folder, emulated, EXACT)
+    _, exact = fitted(folder, CPU, SHORT)
     assert rough[-1]["render"] != exact[-1]["render"]
     assert rough[-1]["render"] == pytest.approx(exact[-1]["render"], rel=0.05)
 
