@@ -39,7 +39,8 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     """
     device = state.remembered.device
     try:
-        content = torch.load(path, map_location=device, weights_only=True)
+        # Adam counts its steps on the CPU; on the device every count would be waited for at every step.
+        content = torch.load(path, map_location="cpu", weights_only=True)
         learned = content["model"]
         if (name := _not_finite(content)) is not None:
             raise InputError(f"{path}: expected finite numbers, came NaN in {name}; delete the file to start anew.")
@@ -47,7 +48,7 @@ def load_checkpoint(state: FitState, path: Path) -> None:
         if unexpected or any(not name.startswith("generator.") for name in missing):
             raise KeyError(f"weights {[*unexpected, *missing][:3]} do not fit")
         state.optimiser.load_state_dict(content["optimiser"])
-        state.remembered, state.drawn = content["remembered"], content["drawn"]
+        state.remembered, state.drawn = content["remembered"].to(device), content["drawn"].to(device)
         state.step = int(content["step"])
     except (KeyError, ValueError, RuntimeError, EOFError, OSError, UnpicklingError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:160]

@@ -263,9 +263,8 @@ def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described:
     if not path.is_file():
         raise InputError(f"{path}: expected a checkpoint to resume from, found no file; train without --resume first.")
     try:
-        state: dict[str, Any] = torch.load(
-            path, weights_only=True, map_location=run.prior.generator.linear.weight.device
-        )
+        # Adam counts its steps on the CPU; its moments follow the weights to their device.
+        state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
         same = state["described"] == described
     except (RuntimeError, KeyError, EOFError, OSError, ValueError) as error:
         raise InputError(

@@ -63,6 +63,9 @@ def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, emulated):
     before = there.drawn.clone()
     load_checkpoint(there, tmp_path / "checkpoint.pt")
     assert on_device(there.drawn)
+    counts, moments = zip(*((kept["step"], kept["exp_avg"]) for kept in there.optimiser.state.values()), strict=True)
+    assert not any(map(on_device, counts))
+    assert all(map(on_device, moments))
     assert torch.equal(there.drawn, before)
 
 
