@@ -87,12 +87,14 @@ def _blur_factors(count: int, sigma: float, dtype: torch.dtype, device: torch.de
     frequency = math.pi * torch.arange(count, dtype=torch.float64) / count
     gain = torch.exp(sigma**2 * (torch.cos(frequency) - 1))
     kept = int((gain > NEGLIGIBLE).sum())
-    phase = frequency[:kept, None] * (torch.arange(count, dtype=torch.float64) + 0.5)
+    # Coarse to fine changes sigma at every step: the matrices are made where they are used.
+    frequency, gain = frequency[:kept].to(device), gain[:kept].to(device)
+    phase = frequency[:, None] * (torch.arange(count, dtype=torch.float64, device=device) + 0.5)
     cosines = torch.cos(phase) * math.sqrt(2.0 / count)
     cosines[0] /= math.sqrt(2.0)
-    weighted = cosines.T * gain[:kept]
+    weighted = cosines.T * gain
     factors = (weighted @ cosines,) if 2 * kept >= count else (cosines, weighted)
-    return tuple(factor.to(dtype=dtype, device=device) for factor in factors)
+    return tuple(factor.to(dtype) for factor in factors)
 
 
 def _along(matrix: Float[Tensor, "out in"], image: Float[Tensor, "h w channel"], axis: int) -> Float[Tensor, "..."]:
