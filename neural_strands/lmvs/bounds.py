@@ -45,6 +45,12 @@ class Hull:
     origin: Float[Tensor, "3"]
     voxel: float
 
+    def nodes(self) -> Float[Tensor, "node 3"]:
+        """Positions of the nodes inside, metres, in no order: a stride through them is a fair sample."""
+        inside = torch.nonzero(self.grid > 0.5)
+        mixed = torch.randperm(len(inside), generator=torch.Generator().manual_seed(0)).to(inside.device)
+        return self.origin + inside[mixed] * self.voxel
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -73,6 +79,15 @@ def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool
         hairs: per camera, the pixels (x, y) between which hair is seen: left, top, right, bottom.
         masked: whether these come from masks; if not, some may be far too large, and the median counts.
     """
+    centre, radius = seen_radii(cameras, hairs)
+    return Region(centre, 1.05 * (max(radius) if masked else sorted(radius)[len(radius) // 2]))
+
+
+def seen_radii(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> tuple[Float[Tensor, "3"], list[float]]:
+    """Point that the optical axes through the hair come closest to, and how large each camera sees hair there, metres.
+
+    Args: as those of `find_region`.
+    """
     device = cameras[0].intrinsics.device
     system, right = torch.zeros(3, 3, device=device), torch.zeros(3, device=device)
     for camera, box in zip(cameras, hairs, strict=True):
@@ -85,7 +100,7 @@ def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool
     for camera, box in zip(cameras, hairs, strict=True):
         distance = float((camera.position - centre).norm())
         radius.append(camera.footprint(distance) * 0.5 * float((box[2:] - box[:2]).norm()))
-    return Region(centre, 1.05 * (max(radius) if masked else sorted(radius)[len(radius) // 2]))
+    return centre, radius
 
 
 def head_map(camera: Camera, mesh: wp.Mesh | None) -> Float[Tensor, "height width"]:

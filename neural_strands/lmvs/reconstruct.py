@@ -6,9 +6,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 import torch
 import warp as wp
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
@@ -29,19 +32,22 @@ from neural_strands.lmvs.bounds import (
 )
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
-from neural_strands.lmvs.fusion import add_guesses, fill_gaps
+from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.identity import inputs_digest
+from neural_strands.lmvs.mass import largest_mass
 from neural_strands.lmvs.orientation import OrientationConfig
 from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
+from neural_strands.lmvs.scale import check_head_size, check_scene, in_metres, of_one_scale
 from neural_strands.lmvs.views import View
 from neural_strands.lmvs.work import Work
 
 log = logging.getLogger(__name__)
 
-GAP = 4.0
-"""Cells, in pixel footprints, that are filled where hair is to be complete."""
-SCALE = 5.0
-"""A head this many times larger or smaller than the hair is in another unit."""
+NOBODY = 0.1
+"""Votes that a guess has before any view votes for it."""
+
+Complete = Literal["auto", "always", "never"]
+"""When gaps are filled with guesses."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +66,25 @@ class LmvsConfig:
     """How deep behind the hull's surface hair is looked for, as a share of the radius that the hair is seen in."""
     voxel: float = 3.0
     """Voxel of the hull, pixel footprints."""
-    confirming: float = 1.4
+    confirming: float = 2.0
     """Other views that must confirm a line; each counts from 1 (the same line) to 0 (off by the limits below)."""
     distance: float = 6.0
     """Within what distance, pixel footprints."""
     angle: float = 25.0
     """Within what angle, degrees."""
-    gap: float | None = None
-    """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one (see `GAP`); None
-    for none. Where there are no masks they take none either, as much that is not hair is looked at."""
+    complete: Complete = "auto"
+    """Whether lines that no other view confirms fill the gaps between those that are. `auto`: where confirmed segments
+    reach less than `filled` of the room for hair. Never where there are no masks: much of what is looked at is none."""
+    filled: float = 1 / 3
+    """Share of the room that masks and head leave for hair which confirmed segments should reach."""
+    reach: float = 3e-3
+    """How near, metres, a segment must come to reach a place: hair lies that thick over it at most."""
+    gap: float = 3.0
+    """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one."""
+    dropped: float = 0.25
+    """Share of these guesses, the worst, that is dropped."""
+    apart: float = 0.05
+    """Without masks, segments farther than this share of the radius that hair is seen in from the rest are no hair."""
 
 
 @dataclass(frozen=True)
@@ -104,17 +120,18 @@ def reconstruct(
         track: shows progress over an iterable, given what is done and how many there are.
 
     Raises:
-        InputError: fewer than two views show hair.
+        InputError: fewer than two views show hair, or the head is of another scale.
     """
     if len(views) < 2:
         raise InputError(f"expected at least two views to match lines between, came {len(views)}; add photographs.")
+    check_head_size(head)
     with TemporaryDirectory() as temporary:
         seed = int(torch.randint(0, 2**30, (1,), generator=generator))
         work = Work(folder or Path(temporary), views, config.orientation)
         if folder is not None:
             work.keep_only(inputs_digest(views, head, _of_views(config, seed)))
         good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
-        good = _outside_head([view.camera for view in views], good, head)
+        good = _well_placed([view.camera for view in views], good, head, work)
         if len(good) < 2:
             raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
         scene = _survey(views, good, head, config, work)
@@ -123,15 +140,37 @@ def reconstruct(
             if not work.has_lines(i):
                 neighbours = _neighbours(cameras, good, i, scene.region, config.least_baseline)
                 work.save_lines(i, _match(work, scene, i, neighbours, config, seed + 1000 * i))
-        confirmed, guesses = zip(
-            *(_fuse(work, cameras, good, i, scene, config) for i in track(good, "fusion", len(good))), strict=True
-        )
-    cloud = join_points(confirmed)
-    segments = grow_chains(cloud, scene.footprint, config.chains, generator)
-    if config.gap is None:
+        parts = [_fuse(work, cameras, good, i, scene, config) for i in track(good, "fusion", len(good))]
+    confirmed, guesses = (join_points(kind) for kind in zip(*parts, strict=True))
+    segments = grow_chains(confirmed, scene.footprint, config.chains, generator)
+    if not scene.masked:
+        return largest_mass(segments, config.apart * scene.region.radius)
+    if not _gaps_wanted(scene, head, segments, config):
         return segments
-    cell = config.gap * scene.footprint
-    return add_guesses(segments, fill_gaps(join_points(guesses), cloud, cell), 0.5 * cell)
+    guesses = best_share(fill_gaps(guesses, confirmed, config.gap * scene.footprint), 1 - config.dropped)
+    return add_guesses(segments, guesses, config.chains.step * scene.footprint)
+
+
+def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, config: LmvsConfig) -> bool:
+    """Whether guesses are to complete confirmed segments; says so where the capture decides."""
+    if config.complete != "auto":
+        return config.complete == "always"
+    if not in_metres(scene.region):
+        return False
+    share = share_reached(_room(scene.hull, head), segments.points, config.reach)
+    if share < config.filled:
+        log.warning(
+            "Segments that several views confirm come within %.0f mm of %.0f %% of the room for hair, less than "
+            "%.0f %%: lines that one view alone sees fill the gaps.",
+            *(1e3 * config.reach, 100 * share, 100 * config.filled),
+        )
+    return share < config.filled
+
+
+def _room(hull: Hull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
+    """Points spread evenly over the hull outside the head; `most` before those inside are left out."""
+    nodes = hull.nodes()[:most]
+    return nodes if head is None else nodes[signed_distance(nodes, head).distance > 0]
 
 
 def _of_views(config: LmvsConfig, seed: int) -> list[object]:
@@ -139,33 +178,21 @@ def _of_views(config: LmvsConfig, seed: int) -> list[object]:
     return [config.orientation, config.patchmatch, config.least_baseline, config.thickness, config.voxel, seed]
 
 
-def _outside_head(cameras: Sequence[Camera], good: list[int], head: Mesh | None) -> list[int]:
-    """Leave out, with a warning, the views whose camera lies inside the head."""
-    if head is None or not good:
+def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, work: Work) -> list[int]:
+    """Leave out, with a warning, the views whose camera lies inside the head or is in another unit than the others."""
+    if head is not None and good:
+        centres = torch.stack([cameras[i].position for i in good])
+        inside = (signed_distance(centres, head).distance < 0).tolist()
+        for i, wrong in zip(good, inside, strict=True):
+            if wrong:
+                log.warning(
+                    "%s: its camera lies inside the head; the view is left out.", cameras[i].name or f"view {i}"
+                )
+        good = [i for i, wrong in zip(good, inside, strict=True) if not wrong]
+    if len(good) < 2:
         return good
-    centres = torch.stack([cameras[i].position for i in good])
-    inside = (signed_distance(centres, head).distance < 0).tolist()
-    for i, wrong in zip(good, inside, strict=True):
-        if wrong:
-            log.warning("%s: its camera lies inside the head; the view is left out.", cameras[i].name or f"view {i}")
-    return [i for i, wrong in zip(good, inside, strict=True) if not wrong]
-
-
-def _check_scale(region: Region, head: Mesh | None) -> None:
-    """Refuse a head that is not where the cameras see hair, or of another scale.
-
-    Raises:
-        InputError: it is not.
-    """
-    if head is None:
-        return
-    low, high = head.vertices.amin(dim=0), head.vertices.amax(dim=0)
-    size, away = 0.5 * float((high - low).norm()), float((0.5 * (low + high) - region.centre).norm())
-    if away > size + region.radius or not 1 / SCALE < region.radius / size < SCALE:
-        raise InputError(
-            f"expected the head where the cameras see the hair (radius {region.radius:.3g} m), came a head of radius "
-            f"{size:.3g} m, {away:.3g} m away; bring head and cameras to one scale and frame."
-        )
+    kept = of_one_scale([cameras[i] for i in good], [work.features(i).box for i in good])
+    return [i for i, fine in zip(good, kept, strict=True) if fine]
 
 
 def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: Work) -> _Scene:
@@ -173,7 +200,7 @@ def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: L
     cameras = [views[i].camera for i in good]
     masked = any(views[i].load_mask is not None for i in good)
     region = find_region(cameras, [work.features(i).box for i in good], masked)
-    _check_scale(region, head)
+    check_scene(region, head)
     footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
     footprint = float(torch.tensor(footprints).median())
     mesh = None if head is None else warp_mesh(head)
@@ -225,10 +252,12 @@ def _fuse(
     stride = min(level.stride for level in config.patchmatch.levels)
     distance, angle = config.distance * scene.footprint, math.radians(config.angle)
     votes = confirmations(points, directions, others, distance, angle, stride)
-    weight = (1 - lines.cost[kept]).clamp(0.05, 1) * (votes / len(near)).sqrt().clamp(max=1)
-    cloud = OrientedPoints(points, directions, weight, torch.full_like(weight, i, dtype=torch.int64))
+    fit = (1 - lines.cost[kept]).clamp(0.05, 1)
+    view = torch.full_like(fit, i, dtype=torch.int64)
     sure = votes >= min(config.confirming, 0.5 * len(near))
-    confirmed = cloud.select(sure)
-    if config.gap is None or not scene.masked:
-        return confirmed, cloud.select(torch.zeros_like(sure))
-    return confirmed, fill_gaps(cloud.select(~sure), confirmed, config.gap * scene.footprint)
+    confirmed = OrientedPoints(points, directions, fit * (votes / len(near)).sqrt().clamp(max=1), view).select(sure)
+    # The share of a vote that all have lets the matching cost rank lines that nobody votes for.
+    guesses = OrientedPoints(points, directions, fit * ((votes + NOBODY) / len(near)).sqrt(), view).select(~sure)
+    if config.complete == "never" or not scene.masked:
+        return confirmed, guesses.select(view[:0])
+    return confirmed, fill_gaps(guesses, confirmed, config.gap * scene.footprint)

@@ -36,7 +36,10 @@ def find_segments(
     """
     random = torch.Generator().manual_seed(seed)
     views = [moved(view, device) for view in capture_views(capture)]
-    found = reconstruct(views, head.mesh.to(device), LmvsConfig(), random, work, track).to("cpu")
+    # Guesses mislead the flow that first strands are traced through; lines that little more than one other view
+    # confirms are rarely wrong, and the flow needs them.
+    config = LmvsConfig(confirming=1.4, complete="never")
+    found = reconstruct(views, head.mesh.to(device), config, random, work, track).to("cpu")
     return orient_segments(found, head.mesh, head.scalp_faces, [], GrowthConfig())
 
 

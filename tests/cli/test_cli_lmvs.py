@@ -108,9 +108,9 @@ def test_hair_is_found_without_masks(tmp_path):
 
 
 def test_complete_fills_gaps_between_the_same_chains(ball, tmp_path):
-    assert main(["lmvs", str(ball), str(tmp_path / "out")]) == 0
+    assert main(["lmvs", str(ball), str(tmp_path / "out"), "--complete", "never"]) == 0
     sure, before = load_segments(tmp_path / "out" / "segments.npz"), stamps(tmp_path / "out")
-    assert main(["lmvs", str(ball), str(tmp_path / "out"), "--complete"]) == 0
+    assert main(["lmvs", str(ball), str(tmp_path / "out"), "--complete", "always"]) == 0
     full = load_segments(tmp_path / "out" / "segments.npz")
     assert stamps(tmp_path / "out") == before
     assert full.segment_count > sure.segment_count
@@ -133,4 +133,6 @@ def test_refusals_are_one_sentence(ball, tmp_path, capsys):
     ]
     (ball / "head.obj").write_text("\n".join(scaled) + "\n")
     assert main(["lmvs", str(ball), str(tmp_path / "three")]) == 2
-    assert len(capsys.readouterr().err.strip()) > 0
+    assert "wrong scale: expected a head in metres" in capsys.readouterr().err
+    assert main(["lmvs", str(ball), str(tmp_path / "two"), "--size", "7"]) == 2
+    assert "--size: expected 32 pixels or more, came 7" in capsys.readouterr().err

@@ -8,9 +8,9 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs.bounds import not_seen_empty, sight_of, warp_mesh
+from neural_strands.lmvs.bounds import Hull, not_seen_empty, sight_of, warp_mesh
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
-from neural_strands.lmvs.fusion import add_guesses, fill_gaps
+from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.patchmatch import LineMap
 
 
@@ -120,3 +120,31 @@ def test_guesses_become_short_segments_after_the_others():
     assert joined.segment_id.tolist() == [0, 0, 0, 1, 1, 2, 2]
     assert torch.allclose(joined.points[3:, 0], torch.tensor([0.9, 1.1, 1.9, 2.1]))
     assert (joined.confidence[3:] < 0.2).all()
+
+
+def test_the_worst_guesses_are_dropped():
+    kept = best_share(cloud([[float(k), 0.0, 0.0] for k in range(5)], [0.3, 0.9, 0.1, 0.3, 0.5]), 0.6)
+    assert kept.points[:, 0].tolist() == [1.0, 4.0, 0.0]
+    assert len(best_share(kept, 0.0).points) == 0
+
+
+def test_the_share_of_a_slab_that_one_plane_of_points_reaches(generator: torch.Generator):
+    room = torch.rand(50_000, 3, generator=generator)
+    plane = torch.stack(torch.meshgrid(*[torch.linspace(0, 1, 80)] * 2, indexing="ij"), dim=-1).reshape(-1, 2)
+    middle = torch.cat([torch.full((len(plane), 1), 0.5), plane], dim=1)
+    assert abs(share_reached(room, middle, 0.2) - 0.4) < 0.015
+    assert share_reached(room, middle, 0.6) == 1.0
+    assert share_reached(room, middle[:0], 0.2) == 0.0
+    # Nothing to fill: all of it is reached.
+    assert share_reached(room[:0], middle, 0.2) == 1.0
+
+
+def test_nodes_of_a_hull_are_those_inside_in_a_fixed_order():
+    grid = torch.zeros(6, 5, 4)
+    grid[1:3, 2, 1:4] = 0.7
+    hull = Hull(grid, torch.tensor([1.0, 2.0, 3.0]), 0.5)
+    found = hull.nodes()
+    expected = {(1 + 0.5 * x, 3.0, 3 + 0.5 * z) for x in (1, 2) for z in (1, 2, 3)}
+    assert len(found) == 6
+    assert {tuple(point) for point in found.tolist()} == expected
+    assert torch.equal(found, hull.nodes())

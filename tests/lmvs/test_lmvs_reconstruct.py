@@ -3,6 +3,7 @@
 import logging
 import math
 from functools import partial
+from pathlib import Path
 
 import pytest
 import torch
@@ -68,6 +69,27 @@ def test_a_striped_ball_comes_back(generator: torch.Generator):
     assert torch.allclose(found.directions.norm(dim=-1), torch.ones(len(found)), atol=1e-4)
 
 
+def test_the_capture_decides_whether_guesses_fill_gaps(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    views = views_of([camera(0.4 * k, 0.35 * (-1) ** k, size=80) for k in range(6)])
+
+    def found(config: LmvsConfig) -> int:
+        random = torch.Generator().manual_seed(0)
+        return reconstruct(views, None, config, random, tmp_path / "work").segment_count
+
+    sure, full = found(LmvsConfig(complete="never")), found(LmvsConfig(complete="always"))
+    assert full > sure > 0
+    with caplog.at_level(logging.WARNING):
+        # Any share is more than none, and less than more than all.
+        assert found(LmvsConfig(filled=0.0)) == sure
+        assert "fill the gaps" not in caplog.text
+        assert found(LmvsConfig(filled=1.01)) == full
+        assert "lines that one view alone sees fill the gaps" in caplog.text
+    # Nothing is filled where there are no masks to say what is hair.
+    bare = [View(view.camera, view.load_image) for view in views]
+    ids = reconstruct(bare, None, LmvsConfig(complete="always"), torch.Generator().manual_seed(0)).segment_id
+    assert (torch.bincount(ids) > 2).all()
+
+
 def test_a_single_view_is_refused(generator: torch.Generator):
     with pytest.raises(InputError, match="at least two views"):
         reconstruct(views_of(ring()[:1]), None, LmvsConfig(), generator)
@@ -84,6 +106,15 @@ def test_views_without_hair_or_texture_are_named(generator: torch.Generator, cap
     assert f"{third.camera.name}: no texture" in caplog.text
 
 
+def test_a_camera_in_another_unit_is_named(generator: torch.Generator, caplog: pytest.LogCaptureFixture):
+    first, second = views_of(ring()[:2])
+    eye = 1000 * second.camera.position
+    far = Camera.look_at(eye, torch.zeros(3), 4.2 * 160, (160, 160), "in millimetres")
+    with caplog.at_level(logging.WARNING), pytest.raises(InputError, match="found it in 1"):
+        reconstruct([first, View(far, second.load_image, second.load_mask)], None, LmvsConfig(), generator)
+    assert "in millimetres: wrong scale" in caplog.text
+
+
 def test_a_camera_inside_the_head_and_a_head_of_another_scale(
     generator: torch.Generator, caplog: pytest.LogCaptureFixture
 ):
@@ -98,7 +129,7 @@ def test_a_camera_inside_the_head_and_a_head_of_another_scale(
     assert "inner: its camera lies inside the head" in caplog.text
     huge = Mesh(head.vertices * 1000, head.faces)
     far = Mesh(head.vertices + 5.0, head.faces)
-    with pytest.raises(InputError, match=r"inside|one scale|found it in 0"):
+    with pytest.raises(InputError, match="wrong scale: expected a head in metres"):
         reconstruct(views, huge, LmvsConfig(), generator)
     with pytest.raises(InputError, match="one scale and frame"):
         reconstruct(views, far, LmvsConfig(), generator)

@@ -1,0 +1,27 @@
+"""Which segments are hair where no masks say so: hair hangs together, and what else has streaks lies apart from it."""
+
+import numpy as np
+import torch
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from neural_strands.geometry.line_segments import LineSegments
+
+
+def largest_mass(segments: LineSegments, cell: float) -> LineSegments:
+    """The segments of the largest mass of points in which each cell of `cell` metres touches another that has some.
+
+    Args:
+        segments: chains whose neighbouring points are nearer than a cell, so that no chain is cut.
+        cell: metres.
+    """
+    if len(segments) == 0:
+        return segments
+    index = torch.floor(segments.points / cell).long().cpu()
+    cells, inverse = torch.unique(index, dim=0, return_inverse=True)
+    # Cells that touch, at a corner at least, are sqrt(3) apart at most.
+    pairs = KDTree(cells.numpy()).query_pairs(1.8, output_type="ndarray")
+    touching = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
+    mass = torch.from_numpy(connected_components(touching, directed=False)[1]).long()[inverse]
+    return segments.select((mass == torch.bincount(mass).argmax()).to(segments.points.device))
