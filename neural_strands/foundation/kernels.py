@@ -10,10 +10,11 @@ import itertools
 import logging
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -52,6 +53,16 @@ def array(tensor: Tensor, dtype: Any = None) -> wp.array:
     return wp.from_torch(tensor.detach().contiguous(), dtype=dtype, requires_grad=False)
 
 
+def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Zeros for kernels to write, on the CPU without a parallel loop of torch's.
+
+    After such a loop torch's idle threads keep processors busy for milliseconds, which the kernels want.
+    """
+    if device.type == "cpu":
+        return torch.from_numpy(np.zeros(tuple(shape), torch.zeros(0, dtype=dtype).numpy().dtype))
+    return torch.zeros(*shape, dtype=dtype, device=device)
+
+
 def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
     """Run `kernel` for `count` items on one thread (CPU) or the current torch stream (CUDA)."""
     device = torch.device(device)
@@ -73,13 +84,34 @@ def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torc
         return
     load(kernel, device)
     bounds = [count * share // shares for share in range(shares + 1)]
-    with ThreadPoolExecutor(shares) as pool:
-        parts = [
-            pool.submit(wp.launch, kernel, dim=last - first, inputs=[first, *inputs], device="cpu")
+    run_together(
+        [
+            functools.partial(wp.launch, kernel, dim=last - first, inputs=[first, *inputs], device="cpu")
             for first, last in itertools.pairwise(bounds)
         ]
-        for part in parts:
-            part.result()
+    )
+
+
+def run_together(jobs: Sequence[Callable[[], object]]) -> None:
+    """Run jobs that release the interpreter's lock (kernel launches), on one thread each where there is time for it.
+
+    The caller's thread runs the first, and then those that no other thread has begun: on a busy machine a thread may
+    wait longer for a processor than its job takes.
+    """
+    if len(jobs) == 1:
+        jobs[0]()
+        return
+    pool = ThreadPoolExecutor(len(jobs) - 1)
+    try:
+        others = [(job, pool.submit(job)) for job in jobs[1:]]
+        jobs[0]()
+        for job, begun in others:
+            if begun.cancel():
+                job()
+            else:
+                begun.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def load(kernel: Kernel, device: torch.device | str) -> None:

@@ -36,3 +36,14 @@ def key_index(key: wp.int64) -> wp.int64:
 def key_depth(key: wp.int64) -> float:
     """The depth of a key, metres."""
     return wp.cast(wp.int32(key >> wp.int64(32)), wp.float32)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def start_keys(occluder: wp.array[float], bias: float, keys: wp.array[wp.int64]) -> None:
+    """Give one pixel the key that only what is nearer than the occluder can beat; an empty occluder hides nothing."""
+    pixel = wp.tid()
+    depth = wp.float32(wp.inf)
+    if occluder.shape[0] > 0:
+        depth = occluder[pixel] + bias
+    keys[pixel] = (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(_NO_PRIMITIVE)

@@ -4,9 +4,6 @@ The bits of positive floats are ordered as the floats are, so the minimum of key
 one depth, the one of lower index): the same in whatever order it is taken.
 """
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
@@ -34,13 +31,3 @@ def key_index(keys: Int64[Tensor, "*batch"]) -> Int64[Tensor, "*batch"]:
     """The nearest primitive of each pixel, -1 where there is none."""
     index = keys & NO_PRIMITIVE
     return torch.where(index == NO_PRIMITIVE, -1, index)
-
-
-def run_together(jobs: Sequence[Callable[[], None]]) -> None:
-    """Run jobs that release the interpreter's lock (kernel launches) on one thread each."""
-    if len(jobs) == 1:
-        jobs[0]()
-        return
-    with ThreadPoolExecutor(len(jobs)) as pool:
-        for done in [pool.submit(job) for job in jobs]:
-            done.result()

@@ -82,6 +82,31 @@ def to_screen(point: wp.vec3) -> wp.vec3:
     return wp.vec3(point[0] * inverse, point[1] * inverse, inverse)
 
 
+@wp.func
+@no_type_check
+def draw_in_front(
+    a: wp.vec3,
+    b: wp.vec3,
+    a_screen: wp.vec3,
+    b_screen: wp.vec3,
+    near: float,
+    index: int,
+    width: int,
+    height: int,
+    keys: wp.array[wp.int64],
+) -> None:
+    """Draw the part of one segment that lies in front of the near plane; its ends are given in both spaces."""
+    if a[2] > near:
+        if b[2] > near:
+            draw_segment(a_screen, b_screen, index, width, height, keys)
+        else:
+            cut = to_screen(wp.lerp(a, b, near_cut(a[2], b[2], near)))
+            draw_segment(a_screen, cut, index, width, height, keys)
+    elif b[2] > near:
+        cut = to_screen(wp.lerp(b, a, near_cut(b[2], a[2], near)))
+        draw_segment(cut, b_screen, index, width, height, keys)
+
+
 @wp.kernel(enable_backward=False)
 @no_type_check
 def draw_lines(
@@ -109,15 +134,7 @@ def draw_lines(
         b = transform(projection, points[base + k + 1])
         b_screen = to_screen(b)
         index = strand * (points_per_strand - 1) + k
-        if a[2] > near:
-            if b[2] > near:
-                draw_segment(a_screen, b_screen, index, width, height, keys)
-            else:
-                cut = to_screen(wp.lerp(a, b, near_cut(a[2], b[2], near)))
-                draw_segment(a_screen, cut, index, width, height, keys)
-        elif b[2] > near:
-            cut = to_screen(wp.lerp(b, a, near_cut(b[2], a[2], near)))
-            draw_segment(cut, b_screen, index, width, height, keys)
+        draw_in_front(a, b, a_screen, b_screen, near, index, width, height, keys)
         a = b
         a_screen = b_screen
 
@@ -126,7 +143,7 @@ def draw_lines(
 @no_type_check
 def resolve_lines(
     first: int,
-    keys: wp.array[wp.int64],
+    keys: wp.array2d[wp.int64],
     points: wp.array[wp.vec3],
     projections: wp.array[wp.mat44],
     near: float,
@@ -136,9 +153,11 @@ def resolve_lines(
     position: wp.array[float],
     depth: wp.array[float],
 ) -> None:
-    """Recover a pixel's segment, depth and perspective-correct position from its key."""
+    """Recover a pixel's segment, depth and perspective-correct position from the least of its keys in all planes."""
     pixel = first + wp.tid()
-    key = keys[pixel]
+    key = keys[0, pixel]
+    for plane in range(1, keys.shape[0]):
+        key = wp.min(key, keys[plane, pixel])
     index = key_index(key)
     segment[pixel] = index
     if index < wp.int64(0):

@@ -17,11 +17,10 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
-from neural_strands.raster import line_kernels
-from neural_strands.raster.keys import background_keys, empty_keys, run_together
+from neural_strands.raster import key_kernels, line_batch_kernel, line_kernels
 
 SEGMENTS_PER_THREAD = 4
-"""Consecutive segments that one CUDA thread draws; on the CPU one item is a whole strand."""
+"""Consecutive segments that one CUDA thread draws; on the CPU one item is a whole strand, by a kernel of its own."""
 
 
 @dataclass(frozen=True)
@@ -73,22 +72,27 @@ def rasterise_lines(
     """
     strands, per_strand = _checked_sizes(points, camera, occluder_depth)
     height, width, device = camera.height, camera.width, points.device
-    keys = empty_keys(height, width, device)
-    if occluder_depth is not None:
-        keys = background_keys(occluder_depth.detach().to(device) + config.occluder_bias)
     vertices = kernels.array(points.float().reshape(-1, 3), wp.vec3)
     projection = kernels.array(projection_matrix(camera, device)[None], wp.mat44)
-    run = SEGMENTS_PER_THREAD if device.type == "cuda" else per_strand
-    runs = -(-(per_strand - 1) // run)
-    shared = [vertices, projection, config.near, per_strand, runs, run, width, height]
-    keys = _draw(keys, strands * runs, shared)
-    buffer = LineBuffer(
-        torch.zeros_like(keys), torch.zeros_like(keys, dtype=torch.float32), torch.zeros_like(keys, dtype=torch.float32)
+    occluder = torch.zeros(0) if occluder_depth is None else occluder_depth.float().reshape(-1)
+    hidden_by = [kernels.array(occluder.to(device)), config.occluder_bias]
+    shared = [vertices, projection, config.near, per_strand]
+    planes = kernels.zeros((_planes(strands, device), height * width), torch.int64, device)
+    drawing = line_batch_kernel.draw_strands if device.type == "cpu" else line_kernels.draw_lines
+    for kernel in (key_kernels.start_keys, drawing):
+        kernels.load(kernel, device)
+    if planes.numel():
+        kernels.run_together(
+            [functools.partial(_draw, k, planes, strands, hidden_by, shared, width) for k in range(len(planes))]
+        )
+    segment, position, depth = (
+        kernels.zeros((height, width), dtype, device) for dtype in (torch.int64, torch.float32, torch.float32)
     )
-    outputs = [kernels.array(plane.view(-1)) for plane in (buffer.segment, buffer.position, buffer.depth)]
-    resolved = [kernels.array(keys.view(-1)), vertices, projection, config.near, per_strand, width, *outputs]
-    kernels.launch_split(line_kernels.resolve_lines, height * width, resolved, device)
-    return buffer
+    outputs = [kernels.array(plane.view(-1)) for plane in (segment, position, depth)]
+    kernels.launch_split(
+        line_kernels.resolve_lines, height * width, [kernels.array(planes), *shared, width, *outputs], device
+    )
+    return LineBuffer(segment, position, depth)
 
 
 def projection_matrix(camera: Camera, device: torch.device) -> Float32[Tensor, "4 4"]:
@@ -98,29 +102,26 @@ def projection_matrix(camera: Camera, device: torch.device) -> Float32[Tensor, "
     return matrix.to(device)
 
 
-def _draw(keys: Int64[Tensor, "height width"], items: int, shared: list) -> Int64[Tensor, "height width"]:
-    """Draw all items; on the CPU every thread draws its share into keys of its own, and the least of them stay."""
-    kernel, device = line_kernels.draw_lines, keys.device
-    kernels.load(kernel, device)
-    threads = min(torch.get_num_threads(), items) if device.type == "cpu" else 1
-    if threads < 2:
-        kernels.launch(kernel, items, [0, *shared, kernels.array(keys.view(-1))], device)
-        return keys
-    planes = [keys, *(keys.clone() for _ in range(threads - 1))]
-    bounds = [items * share // threads for share in range(threads + 1)]
-    run_together(
-        [
-            functools.partial(
-                kernels.launch,
-                kernel,
-                bounds[share + 1] - bounds[share],
-                [bounds[share], *shared, kernels.array(planes[share].view(-1))],
-                device,
-            )
-            for share in range(threads)
-        ]
+def _planes(strands: int, device: torch.device) -> int:
+    """Threads that draw, each into keys of its own."""
+    return max(min(torch.get_num_threads(), strands), 1) if device.type == "cpu" else 1
+
+
+def _draw(
+    share: int, planes: Int64[Tensor, "plane pixel"], strands: int, hidden_by: list, shared: list, width: int
+) -> None:
+    """Draw one share of the strands into its plane of keys."""
+    device, pixels, per_strand = planes.device, planes.shape[1], shared[-1]
+    keys, size = kernels.array(planes[share]), [width, pixels // width]
+    kernels.launch(key_kernels.start_keys, pixels, [*hidden_by, keys], device)
+    first, last = (strands * end // len(planes) for end in (share, share + 1))
+    if device.type == "cpu":
+        kernels.launch(line_batch_kernel.draw_strands, last - first, [first, *shared, *size, keys], device)
+        return
+    runs = -(-(per_strand - 1) // SEGMENTS_PER_THREAD)
+    kernels.launch(
+        line_kernels.draw_lines, strands * runs, [0, *shared, runs, SEGMENTS_PER_THREAD, *size, keys], device
     )
-    return functools.reduce(torch.minimum, planes)
 
 
 def _checked_sizes(

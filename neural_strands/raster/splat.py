@@ -15,7 +15,6 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.raster import splat_kernels
-from neural_strands.raster.keys import run_together
 from neural_strands.raster.reference import splat_reference
 
 MINIMUM_WEIGHT = 0.1
@@ -146,7 +145,7 @@ def _accumulate(
             rows = [height * band // bands, height * (band + 1) // bands]
             inputs = [*points, 0.5**level, width, *rows, run, *outputs]
             jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
-    run_together([functools.partial(_run_all, band) for band in jobs])
+    kernels.run_together([functools.partial(_run_all, band) for band in jobs])
 
 
 def _whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item padded"]:

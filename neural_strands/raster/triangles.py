@@ -15,7 +15,7 @@ from torch import Tensor
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
 from neural_strands.raster import triangle_kernels
-from neural_strands.raster.keys import empty_keys, run_together
+from neural_strands.raster.keys import empty_keys
 from neural_strands.raster.lines import projection_matrix
 
 STRIPES = 16
@@ -64,7 +64,7 @@ def rasterise_triangles(
     bands, stripes = (1, STRIPES) if on_gpu else (torch.get_num_threads(), 1)
     bounds = [height * band // bands for band in range(bands + 1)]
     # Each CPU thread owns a band of rows and passes over all faces.
-    run_together(
+    kernels.run_together(
         [
             functools.partial(
                 kernels.launch,

@@ -1,10 +1,12 @@
 """Warp kernels over torch tensors: the same values as torch, in one piece or split."""
 
+import functools
+
 import pytest
 import torch
 import warp as wp
 
-from neural_strands.foundation.kernels import SMALLEST_SHARE, array, launch, launch_split
+from neural_strands.foundation.kernels import SMALLEST_SHARE, array, launch, launch_split, run_together
 
 
 @wp.kernel
@@ -45,3 +47,18 @@ def test_array_shares_memory_and_drops_gradients():
         values[1] = 7.0
     assert shared.numpy().tolist() == [0.0, 7.0, 2.0]
     assert not shared.requires_grad
+
+
+def test_jobs_run_once_each_and_their_errors_arrive():
+    ran = []
+
+    def fail():
+        ran.append(-1)
+        raise ValueError("a job's own error")
+
+    run_together([functools.partial(ran.append, k) for k in range(5)])
+    assert sorted(ran) == [0, 1, 2, 3, 4]
+    for jobs in ([fail, lambda: None], [lambda: None, fail]):
+        with pytest.raises(ValueError, match="a job's own error"):
+            run_together(jobs)
+    assert ran.count(-1) == 2

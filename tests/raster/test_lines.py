@@ -2,9 +2,14 @@ import dataclasses
 
 import pytest
 import torch
+import warp as wp
 
+from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
-from neural_strands.raster.lines import LineConfig, rasterise_lines
+from neural_strands.raster.keys import empty_keys, key_index
+from neural_strands.raster.line_batch_kernel import draw_strands
+from neural_strands.raster.line_kernels import draw_lines
+from neural_strands.raster.lines import LineConfig, projection_matrix, rasterise_lines
 from neural_strands.raster.reference import rasterise_lines_reference
 from neural_strands.raster.visible import visible_points
 
@@ -162,6 +167,24 @@ def test_thread_count_does_not_change_a_bit(generator):
         assert torch.equal(other.segment, buffers[0].segment)
         assert torch.equal(other.position, buffers[0].position)
         assert torch.equal(other.depth, buffers[0].depth)
+
+
+@pytest.mark.parametrize("distance", [0.8, 0.1, 0.0])
+def test_batches_draw_the_same_keys_as_segments(generator, distance):
+    """Strands of more than one batch, before the camera and through it, crossing the borders, some not finite."""
+    camera = Camera.look_at(torch.tensor([0.05, 0.02, distance]), torch.tensor([0.0, 0.0, -0.5]), 250.0, (200, 150))
+    points = wavy(generator, 200, 150)
+    points[3, 70, 1] = torch.nan
+    points[4, 20] = torch.inf
+    cpu = torch.device("cpu")
+    keys = [empty_keys(150, 200, cpu) for _ in range(2)]
+    matrix = projection_matrix(camera, cpu)
+    drawn = [kernels.array(points.view(-1, 3), wp.vec3), kernels.array(matrix[None], wp.mat44)]
+    size = [200, 150]
+    kernels.launch(draw_lines, 200, [0, *drawn, 0.01, 150, 1, 149, *size, kernels.array(keys[0].view(-1))], "cpu")
+    kernels.launch(draw_strands, 200, [0, *drawn, 0.01, 150, *size, kernels.array(keys[1].view(-1))], "cpu")
+    assert (key_index(keys[0]) >= 0).sum() > 500
+    assert torch.equal(keys[0], keys[1])
 
 
 def test_wrong_shapes_are_named(camera):
