@@ -12,6 +12,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+CPU_BATCH = 4096
+"""Points that the CPU shades together: what lies between two layers stays in its cache."""
+
 
 @dataclass(frozen=True)
 class ShadingConfig:
@@ -47,16 +50,25 @@ class PointShading(nn.Module):
         self, descriptor: Float[Tensor, "point descriptor"], view: Float[Tensor, "point 3"]
     ) -> Float[Tensor, "point 3"]:
         """Colour of points from their descriptor [z_a, d, t] and the unit direction in which they are seen."""
-        features = self.decode.shape[1]
-        colour = F.linear(descriptor[:, :features], self.decode, self.mean)
         if not len(self.inner):
-            return colour
+            return F.linear(descriptor[:, : self.decode.shape[1]], self.decode, self.mean)
+        if descriptor.device.type != "cpu":
+            return self._shade(descriptor, view)
+        batches = zip(descriptor.split(CPU_BATCH), view.split(CPU_BATCH), strict=True)
+        return torch.cat([self._shade(*batch) for batch in batches])
+
+    def _shade(
+        self, descriptor: Float[Tensor, "point descriptor"], view: Float[Tensor, "point 3"]
+    ) -> Float[Tensor, "point 3"]:
+        features = self.decode.shape[1]
         # Reflection off a fibre depends on the angle between fibre and ray before all else.
         along = (descriptor[:, features : features + 3] * view).sum(dim=1, keepdim=True)
         hidden = torch.cat([descriptor, view, along, 1 - along.square()], dim=1)
         for weight, bias in zip(self.inner, self.biases, strict=True):
             hidden = F.silu(F.linear(hidden, weight, bias))
-        # Light that reaches a point is its own; how a fibre sends it on depends on direction and view alone.
-        response = F.linear(hidden, self.outer).unflatten(1, (3, 1 + features))
-        own = F.pad(descriptor[:, :features], (1, 0), value=1.0)
-        return colour + (response @ own[:, :, None]).squeeze(2)
+        # Light that reaches a point is its own; how a fibre sends it on depends on direction and view alone. The
+        # linear decode is what it sends on whatever the direction: a bias.
+        decode = torch.cat([self.mean[:, None], self.decode], dim=1).flatten()
+        response = F.linear(hidden, self.outer, decode).unflatten(1, (3, 1 + features))
+        own = descriptor[:, :features, None]
+        return torch.baddbmm(response[:, :, :1], response[:, :, 1:], own).squeeze(2)
