@@ -40,8 +40,8 @@ class Lmvs:
     and gives coarser segments. Default: as they are."""
     complete: Literal["auto", "always", "never"] = "auto"
     """Fill the gaps between what several views confirm with lines that one view alone sees, thinned and of confidence
-    0.1: far more of the hair, fewer of the points right. auto: where what is confirmed explains little of what the
-    views see, which is said. Needs hair masks."""
+    0.1: far more of the hair, fewer of the points right. auto: where what is confirmed comes within 3 mm of less
+    than a third of the room that masks and head leave for hair, which is said. Needs hair masks."""
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     """Against gravity, in the capture's axes: hair hangs where nothing else says which way it grows."""
     seed: int = 0

@@ -16,6 +16,12 @@ LEAST_COHERENCE = 0.12
 """Mean confidence of orientation below which a neighbourhood is no hair."""
 LEAST_SHARE = 0.15
 """Patches of texture smaller than this share of the largest are no hair."""
+PATCH = 1 / 40
+"""Over how large a share of the photograph's longer side streaks must be dense to be hair."""
+LEAST_STRENGTH = 0.65
+"""Of the density of streaks in the densest places, what hair has at least."""
+DARKEST = 0.02
+"""Added to brightness, so that noise in black is no streak."""
 CROP_MARGIN = 24
 """Pixels about the hair that are filtered with it."""
 
@@ -58,7 +64,8 @@ def view_features(
     brightness = luma(image)
     seen = orientation_map(brightness, config) if mask is None else _cropped(brightness, mask, config)
     if mask is None:
-        hair = hair_pixels(seen)
+        # Hair's streaks are light and shade, in proportion to its colour: dark hair shows them in the logarithm alone.
+        hair = hair_pixels(orientation_map(torch.log(brightness + DARKEST), config))
         silhouette = torch.ones_like(hair)
     else:
         hair = mask > 0.3
@@ -92,14 +99,17 @@ def _cropped(
 
 
 def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:
-    """Where streaks are both strong and of one direction over a neighbourhood."""
-    strength = seen.energy * seen.confidence
-    smooth = gaussian_blur(strength, 4.0)
-    coherent = gaussian_blur(seen.confidence, 4.0)
+    """Where streaks lie dense and of one direction over a neighbourhood.
+
+    The root of their strength is averaged: many streaks count for more than one strong edge, as of a collar.
+    """
+    sigma = PATCH * max(seen.angle.shape)
+    smooth = gaussian_blur((seen.energy * seen.confidence).clamp(min=0).sqrt(), sigma)
+    coherent = gaussian_blur(seen.confidence, sigma)
     positive = smooth[smooth > 0]
     if len(positive) == 0:
         return torch.zeros_like(smooth, dtype=torch.bool)
-    strong = 0.35 * torch.quantile(positive[:: max(1, len(positive) // 100_000)], 0.98)
+    strong = LEAST_STRENGTH * torch.quantile(positive[:: max(1, len(positive) // 100_000)], 0.98)
     found = ((smooth > strong) & (coherent > LEAST_COHERENCE)).cpu().numpy().astype(np.uint8)
     closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
     count, label, statistics, _ = cv2.connectedComponentsWithStats(closed)

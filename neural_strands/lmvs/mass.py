@@ -1,4 +1,4 @@
-"""Which segments are hair where no masks say so: hair hangs together, and what else has streaks lies apart from it."""
+"""Which segments are hair where no masks say so: hair hangs together in large masses, specks apart from it are none."""
 
 import numpy as np
 import torch
@@ -9,12 +9,13 @@ from scipy.spatial import KDTree
 from neural_strands.geometry.line_segments import LineSegments
 
 
-def largest_mass(segments: LineSegments, cell: float) -> LineSegments:
-    """The segments of the largest mass of points in which each cell of `cell` metres touches another that has some.
+def large_masses(segments: LineSegments, cell: float, share: float) -> LineSegments:
+    """Segments of masses of points whose cells of `cell` metres touch; small masses are left out.
 
     Args:
         segments: chains whose neighbouring points are nearer than a cell, so that no chain is cut.
         cell: metres.
+        share: masses of fewer points than this share of the largest one's are left out.
     """
     if len(segments) == 0:
         return segments
@@ -24,4 +25,5 @@ def largest_mass(segments: LineSegments, cell: float) -> LineSegments:
     pairs = KDTree(cells.numpy()).query_pairs(1.8, output_type="ndarray")
     touching = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
     mass = torch.from_numpy(connected_components(touching, directed=False)[1]).long()[inverse]
-    return segments.select((mass == torch.bincount(mass).argmax()).to(segments.points.device))
+    size = torch.bincount(mass)
+    return segments.select((size >= share * size.max())[mass].to(segments.points.device))

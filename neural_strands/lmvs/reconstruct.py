@@ -34,7 +34,7 @@ from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
 from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.identity import inputs_digest
-from neural_strands.lmvs.mass import largest_mass
+from neural_strands.lmvs.mass import large_masses
 from neural_strands.lmvs.orientation import OrientationConfig
 from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
 from neural_strands.lmvs.scale import check_head_size, check_scene, in_metres, of_one_scale
@@ -83,8 +83,10 @@ class LmvsConfig:
     """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one."""
     dropped: float = 0.25
     """Share of these guesses, the worst, that is dropped."""
-    apart: float = 0.05
-    """Without masks, segments farther than this share of the radius that hair is seen in from the rest are no hair."""
+    apart: float = 0.03
+    """Without masks: masses of segments lie apart from this share on of the radius that hair is seen in."""
+    speck: float = 0.15
+    """Without masks: a mass with less than this share of the largest one's points is no hair."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ def reconstruct(
     confirmed, guesses = (join_points(kind) for kind in zip(*parts, strict=True))
     segments = grow_chains(confirmed, scene.footprint, config.chains, generator)
     if not scene.masked:
-        return largest_mass(segments, config.apart * scene.region.radius)
+        return large_masses(segments, config.apart * scene.region.radius, config.speck)
     if not _gaps_wanted(scene, head, segments, config):
         return segments
     guesses = best_share(fill_gaps(guesses, confirmed, config.gap * scene.footprint), 1 - config.dropped)
