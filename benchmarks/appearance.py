@@ -61,7 +61,7 @@ class Arguments:
     """The point shader."""
     textures: ScalpTextureConfig = KNOTTED
     """The appearance texture."""
-    supersample: int = 3
+    supersample: int = 4
     """Line pixels for each image pixel, along each axis."""
     steps: int = 2400
     """Gradient steps, one region each."""
@@ -126,10 +126,10 @@ def one_colour_a_strand(
     """Baseline: strands of one colour each, splatted as densely as the renderer does, over the fitted surround."""
     factor = model.config.supersample
     fine = camera.resized(camera.width * factor, camera.height * factor)
-    lines = rasterise_lines(strands.points, fine, model.body(fine).depth, model.config.lines)
-    visible = visible_points(lines, strands.points)
+    lines = rasterise_lines(strands.points, fine, model.body(fine).depth, model.lines)
+    visible = visible_points(lines, strands.points, factor)
     pixels, _ = camera.project(visible.world)
-    drawn = splat(pixels, colours[visible.strand], (camera.height, camera.width))
+    drawn = splat(pixels, colours[visible.strand], (camera.height, camera.width), amounts=visible.weight)
     alpha = (drawn.coverage / factor**2).clamp(max=1)[..., None]
     return alpha * drawn.features.permute(1, 2, 0) + (1 - alpha) * behind
 
@@ -139,7 +139,7 @@ def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets
     ahead = torch.stack([target.camera.rotation[2] for target in targets]) @ camera.rotation[2]
     source = targets[int(ahead.argmax())]
     body = model.body(camera)
-    lines = rasterise_lines(strands.points, camera, body.depth, model.config.lines)
+    lines = rasterise_lines(strands.points, camera, body.depth)
     depth = torch.minimum(lines.depth, body.depth)
     depth = torch.where(depth.isfinite(), depth, depth[lines.depth.isfinite()].median())
     pixels, _ = source.camera.project(camera.unproject(camera.pixel_centres(), depth))

@@ -98,12 +98,12 @@ def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]
     strands = model.decode()
     fine = camera.resized(camera.width * factor, camera.height * factor)
     body = model.body(fine)
-    lines = rasterise_lines(strands.points, fine, body.depth, model.config.lines)
+    lines = rasterise_lines(strands.points, fine, body.depth, model.lines)
     maps = model.splat_descriptors(strands, lines, camera)
     stages = {
         "decode": model.decode,
         "body": lambda: model.body(fine),
-        "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.config.lines),
+        "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.lines),
         "splat": lambda: model.splat_descriptors(strands, lines, camera),
         "unet": lambda: model.generate(maps, camera),
         "static_frame": lambda: model.render(strands, camera),

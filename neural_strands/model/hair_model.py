@@ -5,7 +5,7 @@ hair is decoded once and rendered many times; edited or true strands are rendere
 by their roots' place on the scalp chart.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import torch
@@ -44,10 +44,10 @@ class HairModelConfig:
     shading: ShadingConfig = field(default_factory=ShadingConfig)
     """Colour of visible points."""
     lines: LineConfig = field(default_factory=LineConfig)
-    """How strands are drawn."""
+    """How strands are drawn; a fit that sees mattes finds their width itself."""
     points: int = 100
     """Points a strand."""
-    supersample: int = 2
+    supersample: int = 3
     """Lines are drawn with this many pixels for each of the image, along each axis, and splatted together."""
     mixed_precision: bool = True
     """Run the convolutions in bfloat16 on CUDA."""
@@ -92,7 +92,12 @@ class RenderOutput:
 
 
 class HairModel(nn.Module):
-    """Fitted hair of one head."""
+    """Fitted hair of one head.
+
+    Attributes:
+        config: sizes.
+        lines: how strands are drawn: as the config says, but for the width that a fit found; part of the state.
+    """
 
     root_position: Tensor
     root_uv: Tensor
@@ -117,6 +122,7 @@ class HairModel(nn.Module):
         """
         super().__init__()
         self.config = config
+        self.lines = config.lines
         self.register_buffer("root_position", roots.position.float().clone())
         self.register_buffer("root_uv", roots.uv.float().clone())
         self.register_buffer("root_frame", roots.frame.float().clone())
@@ -128,6 +134,15 @@ class HairModel(nn.Module):
         everything = torch.cat([roots.position, body.vertices]).float()
         centre = everything.mean(dim=0) if len(everything) else torch.zeros(3)
         self.background = Background(centre, config.surround)
+
+    def get_extra_state(self) -> Tensor:
+        """Width and tip of the strands, as `state_dict` keeps them beside what is learned."""
+        return torch.tensor([self.lines.width, self.lines.tip], dtype=torch.float64)
+
+    def set_extra_state(self, state: Tensor) -> None:
+        """Take width and tip of the strands from a `state_dict`."""
+        width, tip = state.tolist()
+        self.lines = replace(self.lines, width=width, tip=tip)
 
     def forward(self, camera: Camera) -> RenderOutput:
         """Decode the strands and render them."""
@@ -151,7 +166,7 @@ class HairModel(nn.Module):
         camera = camera.to(self.root_uv.device)
         fine = camera.resized(camera.width * factor, camera.height * factor)
         body = rasterise_triangles(self.body.vertices, self.body.faces, fine)
-        return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.config.lines))
+        return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.lines))
 
     def render(self, strands: Strands, camera: Camera, blur: float = 0.0) -> RenderOutput:
         """Render strands from one view.
@@ -189,14 +204,15 @@ class HairModel(nn.Module):
         """
         if strands.root_uv is None:
             raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
-        visible = visible_points(lines, strands.points)
+        visible = visible_points(lines, strands.points, self.config.supersample)
         appearance = interpolate_knots(self.textures.sample_appearance(strands.root_uv, blur), visible)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
         colour = self.shading(descriptor, torch.nn.functional.normalize(visible.world - camera.position, dim=1))
         pixels, _ = camera.project(visible.world)
         descriptor = torch.cat([descriptor, colour], dim=1)
-        return splat_pyramid(pixels, descriptor, (camera.height, camera.width), self.config.unet.levels)
+        size = (camera.height, camera.width)
+        return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
 
     def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
         """Colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""

@@ -1,4 +1,4 @@
-"""The line rasteriser's kernel for the CPU: what `line_kernels.draw_lines` draws, bit for bit, in less time.
+"""The line rasteriser's kernel for lines one pixel wide on the CPU: what `line_kernels.draw_lines` draws, bit for bit.
 
 A segment is about a pixel long, so branches on its direction and on the number of its pixels are guessed wrong every
 other time. Here the segments of a batch go through each step together, without branches, in loops that the compiler
@@ -117,6 +117,6 @@ def draw_strands(
         while k < count:
             p = transform(projection, points[base + k])
             q = transform(projection, points[base + k + 1])
-            draw_in_front(p, q, to_screen(p), to_screen(q), near, index + k, width, height, keys)
+            draw_in_front(p, q, to_screen(p), to_screen(q), near, wp.vec2(0.0), index + k, width, height, keys)
             k += 1
         done += count

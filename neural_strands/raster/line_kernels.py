@@ -76,6 +76,79 @@ def draw_segment(a: wp.vec3, b: wp.vec3, index: int, width: int, height: int, ke
 
 @wp.func
 @no_type_check
+def draw_wide_segment(
+    a: wp.vec3,
+    b: wp.vec3,
+    half_a: float,
+    half_b: float,
+    index: int,
+    width: int,
+    height: int,
+    keys: wp.array[wp.int64],
+) -> None:
+    """Draw one segment as `draw_segment` does, but all pixels across it whose centres lie within its width.
+
+    Args:
+        a: one end in front of the camera (pixel x, pixel y, 1 / depth).
+        b: the other end.
+        half_a: half the width at `a`, pixels.
+        half_b: half the width at `b`, pixels.
+        index: global segment index.
+        width: of the image, pixels.
+        height: of the image, pixels.
+        keys: of all pixels.
+    """
+    dx = b[0] - a[0]
+    dy = b[1] - a[1]
+    if wp.abs(dx) >= wp.abs(dy):
+        if wp.abs(dx) < LONGEST:
+            low = wp.max(wp.min(a[0], b[0]), 0.0)
+            high = wp.min(wp.max(a[0], b[0]), float(width))
+            # Along a column a line measures more than across itself.
+            stretch = wp.sqrt(1.0 + dy * dy / (dx * dx))
+            for column in range(int(wp.ceil(low - 0.5)), int(wp.ceil(high - 0.5))):
+                fraction = (float(column) + 0.5 - a[0]) / dx
+                y = a[1] + fraction * dy
+                half = (half_a + fraction * (half_b - half_a)) * stretch
+                depth = depth_at(fraction, a[2], b[2])
+                top = int(wp.ceil(wp.max(y - half, 0.0) - 0.5))
+                for row in range(top, int(wp.ceil(wp.min(y + half, float(height)) - 0.5))):
+                    draw_pixel(column, row, depth, index, width, keys)
+    elif wp.abs(dy) < LONGEST:
+        low = wp.max(wp.min(a[1], b[1]), 0.0)
+        high = wp.min(wp.max(a[1], b[1]), float(height))
+        stretch = wp.sqrt(1.0 + dx * dx / (dy * dy))
+        for row in range(int(wp.ceil(low - 0.5)), int(wp.ceil(high - 0.5))):
+            fraction = (float(row) + 0.5 - a[1]) / dy
+            x = a[0] + fraction * dx
+            half = (half_a + fraction * (half_b - half_a)) * stretch
+            depth = depth_at(fraction, a[2], b[2])
+            left = int(wp.ceil(wp.max(x - half, 0.0) - 0.5))
+            for column in range(left, int(wp.ceil(wp.min(x + half, float(width)) - 0.5))):
+                draw_pixel(column, row, depth, index, width, keys)
+
+
+@wp.func
+@no_type_check
+def focal_length(projection: wp.mat44) -> float:
+    """Pixels to one metre at one metre's depth: mean of both axes, whatever the principal point."""
+    across = wp.vec3(projection[0, 0], projection[0, 1], projection[0, 2])
+    down = wp.vec3(projection[1, 0], projection[1, 1], projection[1, 2])
+    ahead = wp.vec3(projection[2, 0], projection[2, 1], projection[2, 2])
+    return wp.sqrt(wp.length(wp.cross(across, ahead)) * wp.length(wp.cross(down, ahead)))
+
+
+@wp.func
+@no_type_check
+def tapered(tip: float, along: float) -> float:
+    """Share of its width that a strand has left (`LineConfig.tip`), 0 at the root and 1 at the tip of the strand."""
+    if tip <= 0.0:
+        return 1.0
+    return wp.min((1.0 - along) / tip, 1.0)
+
+
+@wp.func
+@no_type_check
 def to_screen(point: wp.vec3) -> wp.vec3:
     """Homogeneous pixels to pixel x, pixel y and inverse depth."""
     inverse = 1.0 / point[2]
@@ -90,21 +163,38 @@ def draw_in_front(
     a_screen: wp.vec3,
     b_screen: wp.vec3,
     near: float,
+    radii: wp.vec2,
     index: int,
     width: int,
     height: int,
     keys: wp.array[wp.int64],
 ) -> None:
-    """Draw the part of one segment that lies in front of the near plane; its ends are given in both spaces."""
-    if a[2] > near:
-        if b[2] > near:
-            draw_segment(a_screen, b_screen, index, width, height, keys)
-        else:
-            cut = to_screen(wp.lerp(a, b, near_cut(a[2], b[2], near)))
-            draw_segment(a_screen, cut, index, width, height, keys)
-    elif b[2] > near:
-        cut = to_screen(wp.lerp(b, a, near_cut(b[2], a[2], near)))
-        draw_segment(cut, b_screen, index, width, height, keys)
+    """Draw the part of one segment that lies in front of the near plane.
+
+    Args:
+        a: one end in homogeneous pixels.
+        b: the other end.
+        a_screen: `a` as `to_screen` gives it.
+        b_screen: `b` as `to_screen` gives it.
+        near: depth of the near plane, metres.
+        radii: half the width at both ends, pixels at one metre's depth; zeros for a line one pixel wide.
+        index: global segment index.
+        width: of the image, pixels.
+        height: of the image, pixels.
+        keys: of all pixels.
+    """
+    if not (a[2] > near or b[2] > near):
+        return
+    first = a_screen
+    second = b_screen
+    if not b[2] > near:
+        second = to_screen(wp.lerp(a, b, near_cut(a[2], b[2], near)))
+    if not a[2] > near:
+        first = to_screen(wp.lerp(b, a, near_cut(b[2], a[2], near)))
+    if radii[0] > 0.0 or radii[1] > 0.0:
+        draw_wide_segment(first, second, radii[0] * first[2], radii[1] * second[2], index, width, height, keys)
+    else:
+        draw_segment(first, second, index, width, height, keys)
 
 
 @wp.kernel(enable_backward=False)
@@ -114,6 +204,8 @@ def draw_lines(
     points: wp.array[wp.vec3],
     projections: wp.array[wp.mat44],
     near: float,
+    strand_width: float,
+    tip: float,
     points_per_strand: int,
     runs_per_strand: int,
     segments_per_run: int,
@@ -130,11 +222,16 @@ def draw_lines(
     base = strand * points_per_strand
     a = transform(projection, points[base + start])
     a_screen = to_screen(a)
+    radius = 0.5 * strand_width * focal_length(projection)
     for k in range(start, stop):
         b = transform(projection, points[base + k + 1])
         b_screen = to_screen(b)
         index = strand * (points_per_strand - 1) + k
-        draw_in_front(a, b, a_screen, b_screen, near, index, width, height, keys)
+        radii = wp.vec2(
+            radius * tapered(tip, float(k) / float(points_per_strand - 1)),
+            radius * tapered(tip, float(k + 1) / float(points_per_strand - 1)),
+        )
+        draw_in_front(a, b, a_screen, b_screen, near, radii, index, width, height, keys)
         a = b
         a_screen = b_screen
 

@@ -3,7 +3,9 @@
 The line rule. A projected segment is stepped along its major axis (x where |dx| >= |dy|): a pixel column whose centre
 lies in the half-open span of the segment gets one pixel, the row that the line crosses there. So a line is one pixel
 wide, a centre shared by two consecutive segments is drawn once, and the visible point lies exactly on its line, within
-its pixel, at the centre along the major axis. Segments that reach behind the near plane are cut there. A segment with
+its pixel, at the centre along the major axis. Strands given a width cover, of each column or row, the pixels whose
+centres lie within it: none where they are much thinner than a pixel and miss all centres, so that the number of
+pixels that a strand covers is right on average. Segments that reach behind the near plane are cut there. A segment with
 an end that is NaN or infinite is not drawn.
 """
 
@@ -20,7 +22,8 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.raster import key_kernels, line_batch_kernel, line_kernels
 
 SEGMENTS_PER_THREAD = 4
-"""Consecutive segments that one CUDA thread draws; on the CPU one item is a whole strand, by a kernel of its own."""
+"""Consecutive segments that one CUDA thread draws; on the CPU one item is a whole strand, by a kernel of its own where
+strands have no width."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,10 @@ class LineConfig:
     """Distance of the near plane from the camera, metres."""
     occluder_bias: float = 0.002
     """How far behind an occluder's surface hair still shows, metres: hair that lies on the skin must not flicker."""
+    width: float = 0.0
+    """How wide strands are, metres; 0 draws them one pixel wide, near or far."""
+    tip: float = 0.0
+    """Share of a strand, at its end, over which it thins to nothing; of no effect on lines one pixel wide."""
 
 
 DEFAULT_LINES = LineConfig()
@@ -65,7 +72,7 @@ def rasterise_lines(
         points: strands in world metres; there may be none.
         camera: the view; its size is the buffer's.
         occluder_depth: depth of the head and body along the optical axis, metres, infinite where there is none.
-        config: near plane and bias.
+        config: near plane, bias and width.
 
     Raises:
         ValueError: strands of one point, or an occluder of another size than the camera.
@@ -78,12 +85,13 @@ def rasterise_lines(
     hidden_by = [kernels.array(occluder.to(device)), config.occluder_bias]
     shared = [vertices, projection, config.near, per_strand]
     planes = kernels.zeros((_planes(strands, device), height * width), torch.int64, device)
-    drawing = line_batch_kernel.draw_strands if device.type == "cpu" else line_kernels.draw_lines
+    batched = device.type == "cpu" and config.width <= 0
+    drawing = line_batch_kernel.draw_strands if batched else line_kernels.draw_lines
     for kernel in (key_kernels.start_keys, drawing):
         kernels.load(kernel, device)
     if planes.numel():
         kernels.run_together(
-            [functools.partial(_draw, k, planes, strands, hidden_by, shared, width) for k in range(len(planes))]
+            [functools.partial(_draw, k, planes, strands, hidden_by, shared, width, config) for k in range(len(planes))]
         )
     segment, position, depth = (
         kernels.zeros((height, width), dtype, device) for dtype in (torch.int64, torch.float32, torch.float32)
@@ -108,20 +116,26 @@ def _planes(strands: int, device: torch.device) -> int:
 
 
 def _draw(
-    share: int, planes: Int64[Tensor, "plane pixel"], strands: int, hidden_by: list, shared: list, width: int
+    share: int,
+    planes: Int64[Tensor, "plane pixel"],
+    strands: int,
+    hidden_by: list,
+    shared: list,
+    width: int,
+    config: LineConfig,
 ) -> None:
     """Draw one share of the strands into its plane of keys."""
     device, pixels, per_strand = planes.device, planes.shape[1], shared[-1]
     keys, size = kernels.array(planes[share]), [width, pixels // width]
     kernels.launch(key_kernels.start_keys, pixels, [*hidden_by, keys], device)
     first, last = (strands * end // len(planes) for end in (share, share + 1))
-    if device.type == "cpu":
+    if device.type == "cpu" and config.width <= 0:
         kernels.launch(line_batch_kernel.draw_strands, last - first, [first, *shared, *size, keys], device)
         return
-    runs = -(-(per_strand - 1) // SEGMENTS_PER_THREAD)
-    kernels.launch(
-        line_kernels.draw_lines, strands * runs, [0, *shared, runs, SEGMENTS_PER_THREAD, *size, keys], device
-    )
+    run = per_strand - 1 if device.type == "cpu" else SEGMENTS_PER_THREAD
+    runs = -(-(per_strand - 1) // run)
+    inputs = [first * runs, *shared[:-1], config.width, config.tip, per_strand, runs, run, *size, keys]
+    kernels.launch(line_kernels.draw_lines, (last - first) * runs, inputs, device)
 
 
 def _checked_sizes(

@@ -19,6 +19,7 @@ def splat_reference(
     size: tuple[int, int],
     scale: float,
     minimum_weight: float,
+    amounts: Float[Tensor, " point"] | None = None,
 ) -> tuple[Float[Tensor, "cell channel"], Float[Tensor, " cell"]]:
     """One level of the splat: weighted means and sums of weights of every pixel, row after row; differentiable.
 
@@ -28,8 +29,10 @@ def splat_reference(
         size: height and width of this level.
         scale: pixels of this level to one pixel of the full image.
         minimum_weight: least divisor of the weighted mean.
+        amounts: how much each point counts, by default 1.
     """
     height, width = size
+    amounts = torch.ones_like(pixels[:, 0]) if amounts is None else amounts
     sums = features.new_zeros(height * width, features.shape[1])
     weights = features.new_zeros(height * width)
     position = pixels * scale - 0.5
@@ -41,7 +44,7 @@ def splat_reference(
             weight_x = fraction[:, 0] if right else 1 - fraction[:, 0]
             weight_y = fraction[:, 1] if down else 1 - fraction[:, 1]
             inside = torch.nonzero((u >= 0) & (u < width) & (v >= 0) & (v < height)).squeeze(1)
-            cell, weight = (v * width + u)[inside], (weight_x * weight_y)[inside]
+            cell, weight = (v * width + u)[inside], (amounts * weight_x * weight_y)[inside]
             weights = weights.index_add(0, cell, weight)
             sums = sums.index_add(0, cell, weight[:, None] * features[inside])
     return sums / weights.clamp(min=minimum_weight)[:, None], weights
@@ -71,9 +74,11 @@ def rasterise_lines_reference(
     crossing = torch.lerp(screen[index, 0], screen[index, 1], fraction[:, None])
     along_x = _along_x(screen)[index]
     minor = torch.where(along_x, crossing[:, 1], crossing[:, 0])
+    listed, minor = _pixels_across(minor, _half_widths(screen, index, fraction, points.shape[1], camera, config))
+    index, major, along_x, crossing = index[listed], major[listed], along_x[listed], crossing[listed]
     inside = (minor >= 0) & (minor < torch.where(along_x, height, width))
-    row = torch.where(along_x, minor.long(), major)[inside]
-    column = torch.where(along_x, major, minor.long())[inside]
+    row = torch.where(along_x, minor, major)[inside]
+    column = torch.where(along_x, major, minor)[inside]
     key = pack_keys(1 / crossing[inside, 2], index[inside])
     keys = keys.view(-1).scatter_reduce(0, row * width + column, key, "amin").view(height, width)
     segment = key_index(keys)
@@ -115,6 +120,39 @@ def _pixels_along(
     first = (count.cumsum(0) - count)[listed]
     major = start[listed] + torch.arange(len(listed), device=index.device) - first
     return index[listed], major, _fraction(screen[index[listed]], major)
+
+
+def _half_widths(
+    screen: Float[Tensor, "segment 2 3"],
+    index: Int64[Tensor, " n"],
+    fraction: Float[Tensor, " n"],
+    points: int,
+    camera: Camera,
+    config: LineConfig,
+) -> Float[Tensor, " n"]:
+    """Half the pixels that lines cover across their major axis, by LineConfig.width and tip."""
+    if config.width <= 0:
+        return torch.full_like(fraction, 0.5)
+    step = (screen[index, 1, :2] - screen[index, 0, :2]).abs()
+    stretch = step.norm(dim=1) / step.amax(dim=1)
+    focal = (camera.intrinsics[0, 0] * camera.intrinsics[1, 1]).sqrt()
+    vertex = index % (points - 1)
+    ends = []
+    for end in (0, 1):
+        tip = (1 - (vertex + end) / (points - 1)) / config.tip if config.tip > 0 else torch.ones_like(fraction)
+        ends.append(0.5 * config.width * focal * screen[index, end, 2] * tip.clamp(max=1.0))
+    return torch.lerp(*ends, fraction) * stretch
+
+
+def _pixels_across(
+    minor: Float[Tensor, " n"], half: Float[Tensor, " n"]
+) -> tuple[Int64[Tensor, " m"], Int64[Tensor, " m"]]:
+    """List the rows (or columns) whose centres lie within half a width of each crossing: which crossing, which row."""
+    start, stop = (minor - half - 0.5).ceil().long(), (minor + half - 0.5).ceil().long()
+    count = (stop - start).clamp(min=0)
+    listed = torch.repeat_interleave(torch.arange(len(minor), device=minor.device), count)
+    first = (count.cumsum(0) - count)[listed]
+    return listed, start[listed] + torch.arange(len(listed), device=minor.device) - first
 
 
 def rasterise_triangles_reference(

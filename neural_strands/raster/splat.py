@@ -1,6 +1,7 @@
 """Soft rasterisation: points splatted bilinearly to their neighbouring pixels (paper, "Differentiable Rasterization").
 
-At a pixel u the map is h_u = sum(w g) / sum(w) over the points that reach it, w being the bilinear weight. Where the
+At a pixel u the map is h_u = sum(w g) / sum(w) over the points that reach it, w being the bilinear weight times the
+point's amount (1 unless given). Where the
 sum of weights is below `minimum_weight` it divides by that instead: a point that barely touches a pixel fades in
 rather than filling it, and gradients stay bounded by 1 / minimum_weight.
 """
@@ -40,6 +41,7 @@ def splat(
     features: Float[Tensor, "point channel"],
     size: tuple[int, int],
     minimum_weight: float = MINIMUM_WEIGHT,
+    amounts: Float[Tensor, " point"] | None = None,
 ) -> SplatMap:
     """Splat points to an image, with gradients to where they are and to what they carry.
 
@@ -48,8 +50,9 @@ def splat(
         features: what each point carries.
         size: height and width of the image.
         minimum_weight: least divisor of the weighted mean.
+        amounts: how much each point counts, by default 1; constants.
     """
-    return splat_pyramid(pixels, features, size, 1, minimum_weight)[0]
+    return splat_pyramid(pixels, features, size, 1, minimum_weight, amounts)[0]
 
 
 def splat_pyramid(
@@ -58,17 +61,19 @@ def splat_pyramid(
     size: tuple[int, int],
     levels: int,
     minimum_weight: float = MINIMUM_WEIGHT,
+    amounts: Float[Tensor, " point"] | None = None,
 ) -> list[SplatMap]:
     """Splat points to an image and to its halvings, in one pass over one set of points.
 
     Level l has ceil(height / 2^l) by ceil(width / 2^l) pixels, each 2^l pixels of the image wide.
     Tensors that are not float32 take the plain torch path.
     """
+    amounts = pixels.new_ones(len(pixels)) if amounts is None else amounts.to(pixels.dtype)
     sizes = [(-(-size[0] // 2**level), -(-size[1] // 2**level)) for level in range(levels)]
     if features.dtype != torch.float32 or pixels.dtype != torch.float32:
-        planes = [splat_reference(pixels, features, sizes[k], 0.5**k, minimum_weight) for k in range(levels)]
+        planes = [splat_reference(pixels, features, sizes[k], 0.5**k, minimum_weight, amounts) for k in range(levels)]
     else:
-        flat = _Splat.apply(pixels, features, sizes, minimum_weight)
+        flat = _Splat.apply(pixels, features, sizes, minimum_weight, amounts)
         planes = list(zip(flat[0::2], flat[1::2], strict=True))
     return [
         SplatMap(mean.view(height, width, -1).permute(2, 0, 1), weight.view(height, width))
@@ -81,7 +86,12 @@ class _Splat(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, pixels: Tensor, features: Tensor, sizes: list[tuple[int, int]], minimum_weight: float
+        ctx: Any,
+        pixels: Tensor,
+        features: Tensor,
+        sizes: list[tuple[int, int]],
+        minimum_weight: float,
+        amounts: Tensor,
     ) -> tuple[Tensor, ...]:
         channels = features.shape[1]
         features = _whole_quads(features)
@@ -89,18 +99,18 @@ class _Splat(torch.autograd.Function):
             (features.new_zeros(height * width, features.shape[1]), features.new_zeros(height * width))
             for height, width in sizes
         ]
-        _accumulate(pixels, features, sizes, planes)
+        _accumulate(pixels, amounts, features, sizes, planes)
         for means, weights in planes:
             inputs = [minimum_weight, kernels.array(weights), _quads(means)]
             kernels.launch_split(splat_kernels.normalise, len(weights), inputs, features.device)
-        ctx.save_for_backward(pixels, features, *(plane for pair in planes for plane in pair))
+        ctx.save_for_backward(pixels, amounts, features, *(plane for pair in planes for plane in pair))
         ctx.sizes, ctx.minimum_weight, ctx.channels = sizes, minimum_weight, channels
         ctx.set_materialize_grads(False)
         return tuple(plane for means, weights in planes for plane in (means[:, :channels], weights))
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
-        pixels, features, *flat = ctx.saved_tensors
+        pixels, amounts, features, *flat = ctx.saved_tensors
         grad_pixels, grad_features = torch.zeros_like(pixels), torch.zeros_like(features)
         for level, (height, width) in enumerate(ctx.sizes):
             grads, planes = gradients[2 * level : 2 * level + 2], flat[2 * level : 2 * level + 2]
@@ -110,6 +120,7 @@ class _Splat(torch.autograd.Function):
             grad_weights = torch.zeros_like(planes[1]) if grads[1] is None else grads[1]
             inputs = [
                 kernels.array(pixels, wp.vec2),
+                kernels.array(amounts),
                 _quads(features),
                 0.5**level,
                 width,
@@ -123,11 +134,15 @@ class _Splat(torch.autograd.Function):
                 _quads(grad_features),
             ]
             kernels.launch_split(splat_kernels.gather_gradients, len(pixels), inputs, pixels.device)
-        return grad_pixels, grad_features[:, : ctx.channels], None, None
+        return grad_pixels, grad_features[:, : ctx.channels], None, None, None
 
 
 def _accumulate(
-    pixels: Tensor, features: Tensor, sizes: list[tuple[int, int]], planes: list[tuple[Tensor, Tensor]]
+    pixels: Tensor,
+    amounts: Tensor,
+    features: Tensor,
+    sizes: list[tuple[int, int]],
+    planes: list[tuple[Tensor, Tensor]],
 ) -> None:
     """Sum weighted features and weights; on the CPU each thread owns a band of rows and passes over all points."""
     kernel, device = splat_kernels.accumulate, features.device
@@ -137,7 +152,7 @@ def _accumulate(
     quads = max(features.shape[1] // QUAD, 1)
     run = 1 if on_gpu else quads
     items = len(pixels) * (quads // run)
-    points = [kernels.array(pixels, wp.vec2), _quads(features)]
+    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), _quads(features)]
     jobs = [[] for _ in range(bands)]
     for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
         outputs = [_quads(sums), kernels.array(weights)]

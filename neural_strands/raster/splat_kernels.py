@@ -26,6 +26,7 @@ def corner_weight(fraction: float, side: int) -> float:
 @no_type_check
 def accumulate(
     pixels: wp.array[wp.vec2],
+    amounts: wp.array[float],
     features: wp.array2d[wp.vec4],
     scale: float,
     width: int,
@@ -52,6 +53,7 @@ def accumulate(
         u = column + corner % 2
         v = row + corner // 2
         weight = corner_weight(x - float(column), corner % 2) * corner_weight(y - float(row), corner // 2)
+        weight *= amounts[point]
         if u >= 0 and u < width and v >= first_row and v < last_row and weight > 0.0:
             cell = v * width + u
             if first == 0:
@@ -76,6 +78,7 @@ def normalise(start: int, minimum_weight: float, weights: wp.array[float], sums:
 def gather_gradients(
     start: int,
     pixels: wp.array[wp.vec2],
+    amounts: wp.array[float],
     features: wp.array2d[wp.vec4],
     scale: float,
     width: int,
@@ -104,7 +107,7 @@ def gather_gradients(
         weight_y = corner_weight(y - float(row), corner // 2)
         if u >= 0 and u < width and v >= 0 and v < height:
             cell = v * width + u
-            inverse = 1.0 / wp.max(weights[cell], minimum_weight)
+            inverse = amounts[point] / wp.max(weights[cell], minimum_weight)
             # Below the least weight the divisor is a constant, and the mean has no part in the derivative.
             kept = wp.float32(0.0)
             if weights[cell] > minimum_weight:
@@ -115,7 +118,7 @@ def gather_gradients(
                 gradient = grad_means[cell, quad]
                 pull += wp.dot(gradient, features[point, quad] - kept * means[cell, quad])
                 grad_features[point, quad] = grad_features[point, quad] + share * gradient
-            grad_weight = (pull * inverse + grad_weights[cell]) * scale
+            grad_weight = (pull * inverse + amounts[point] * grad_weights[cell]) * scale
             total += grad_weight * wp.vec2(
                 float(2 * (corner % 2) - 1) * weight_y, float(2 * (corner // 2) - 1) * weight_x
             )

@@ -10,12 +10,14 @@ import torch
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
+from neural_strands.foundation import kernels
+from neural_strands.raster import fragment_kernels
 from neural_strands.raster.lines import LineBuffer
 
 
 @dataclass(frozen=True)
 class VisiblePoints:
-    """One point for each pixel that sees hair, in the order of the pixels.
+    """Points on strands that pixels see, in the order of the pixels.
 
     Attributes:
         pixel: index row * width + column of the pixel that sees the point.
@@ -24,6 +26,7 @@ class VisiblePoints:
         vertex: which point of the strand the segment starts at.
         position: where on the segment, in [0, 1].
         t: where on the strand, 0 at the root and 1 at the tip.
+        weight: how many line pixels see the point.
         world: world metres; its gradient goes to both ends of the segment.
     """
 
@@ -33,24 +36,31 @@ class VisiblePoints:
     vertex: Int64[Tensor, " visible"]
     position: Float32[Tensor, " visible"]
     t: Float32[Tensor, " visible"]
+    weight: Float32[Tensor, " visible"]
     world: Float[Tensor, "visible 3"]
 
     def __len__(self) -> int:
         return self.pixel.shape[0]
 
 
-def visible_points(buffer: LineBuffer, points: Float[Tensor, "strand point 3"]) -> VisiblePoints:
-    """Lift every pixel that sees hair to its point on the strands that the buffer was drawn from."""
-    segment = buffer.segment.view(-1)
-    pixel = torch.nonzero(segment >= 0).squeeze(1)
-    segment = segment.index_select(0, pixel)
-    position = buffer.position.view(-1).index_select(0, pixel)
+def visible_points(buffer: LineBuffer, points: Float[Tensor, "strand point 3"], factor: int = 1) -> VisiblePoints:
+    """Lift what pixels see of the strands that the buffer was drawn from to points on them.
+
+    Args:
+        buffer: line pixels, `factor` to an image pixel along each axis.
+        points: the strands, world metres.
+        factor: line pixels of one image pixel that see the same part of a strand become one point, in their middle.
+
+    Raises:
+        ValueError: a buffer whose sides are no multiples of the factor.
+    """
     per_strand = points.shape[1]
+    pixel, segment, position, weight = _parts(buffer, per_strand - 1, factor)
     strand = torch.div(segment, per_strand - 1, rounding_mode="floor")
     vertex = segment - strand * (per_strand - 1)
     t = (vertex + position) / (per_strand - 1)
     world = _blend_ends(points, segment + strand, position)
-    return VisiblePoints(pixel, segment, strand, vertex, position, t, world)
+    return VisiblePoints(pixel, segment, strand, vertex, position, t, weight, world)
 
 
 def interpolate_visible(
@@ -101,3 +111,30 @@ def _blend_ends(
     channels = values.shape[2]
     ends = values.reshape(-1, channels).index_select(0, torch.cat([start, start + 1])).view(2, -1, channels)
     return torch.lerp(ends[0], ends[1], position.to(values.dtype)[:, None])
+
+
+def _parts(
+    buffer: LineBuffer, per_strand: int, factor: int
+) -> tuple[
+    Int64[Tensor, " visible"], Int64[Tensor, " visible"], Float32[Tensor, " visible"], Float32[Tensor, " visible"]
+]:
+    """Parts of strands that image pixels see: pixel, segment, position on it, number of line pixels."""
+    if factor == 1:
+        pixel = torch.nonzero(buffer.segment.view(-1) >= 0).squeeze(1)
+        segment, position = (plane.view(-1).index_select(0, pixel) for plane in (buffer.segment, buffer.position))
+        return pixel, segment, position, torch.ones_like(position)
+    height, width = (side // factor for side in buffer.segment.shape)
+    if (height * factor, width * factor) != tuple(buffer.segment.shape):
+        raise ValueError(f"a line buffer of {tuple(buffer.segment.shape)} has no whole pixels of {factor} x {factor}")
+    device = buffer.segment.device
+    segment, sizes = kernels.array(buffer.segment), [width, factor, per_strand]
+    count = torch.zeros(height * width, dtype=torch.int32, device=device)
+    kernels.launch_split(fragment_kernels.count_parts, len(count), [segment, *sizes, kernels.array(count)], device)
+    end = count.cumsum(0, dtype=torch.int32)
+    found = int(end[-1])
+    pixels, segments = (torch.zeros(found, dtype=torch.int64, device=device) for _ in range(2))
+    positions, weights = (torch.zeros(found, dtype=torch.float32, device=device) for _ in range(2))
+    outputs = [kernels.array(plane) for plane in (end - count, pixels, segments, positions, weights)]
+    inputs = [segment, kernels.array(buffer.position), *sizes, *outputs]
+    kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
+    return pixels, segments, positions, weights

@@ -52,12 +52,12 @@ def strand_colours(
     device = strands.points.device
     total, weight = torch.zeros(len(strands), 3, device=device), torch.zeros(len(strands), device=device)
     for target in targets:
-        visible = visible_points(model.draw(strands, target.camera).lines, strands.points)
         factor = model.config.supersample
-        fine = target.camera.width * factor
-        row, column = visible.pixel // fine // factor, visible.pixel % fine // factor
-        sure = torch.ones_like(visible.t) if target.mask is None else target.mask[row, column]
-        total.index_add_(0, visible.strand, target.image[row, column] * sure[:, None])
+        visible = visible_points(model.draw(strands, target.camera).lines, strands.points, factor)
+        sure = visible.weight
+        if target.mask is not None:
+            sure = sure * target.mask.reshape(-1)[visible.pixel]
+        total.index_add_(0, visible.strand, target.image.reshape(-1, 3)[visible.pixel] * sure[:, None])
         weight.index_add_(0, visible.strand, sure)
     return total / weight.clamp(min=TINY)[:, None], weight
 

@@ -6,7 +6,7 @@ resumed, or shared between processes, sees what an unbroken one sees.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -23,6 +23,7 @@ from neural_strands.training.losses import Perceptual, alpha_loss, rendering_los
 from neural_strands.training.observation import Observation, Place
 from neural_strands.training.schedule import appearance_begins, blur_width, rate_factor, released_points
 from neural_strands.training.shape import decode_some, shape_losses
+from neural_strands.training.strand_width import estimate_width
 from neural_strands.training.workers import Workers
 
 REFRESH_EVERY = 10
@@ -184,7 +185,8 @@ def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> F
     """All strands, those that the view sees decoded with a gradient (scaled) into the shape texture."""
     model = state.model
     body = model.body(target.camera)
-    seen = rasterise_lines(state.drawn, target.camera, body.depth, model.config.lines).segment
+    lines = replace(model.lines, width=0.0)
+    seen = rasterise_lines(state.drawn, target.camera, body.depth, lines).segment
     index = torch.unique(seen[seen >= 0] // (state.drawn.shape[1] - 1))
     if len(index) == 0:
         return state.drawn
@@ -194,10 +196,13 @@ def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> F
 
 
 def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
-    """Before the first image step: strands as they are now, and colours in closed form from pixels that show them."""
+    """Before the first image step: how wide strands are, and colours in closed form from the pixels that show them."""
     if config.shape_every > 0:
         _decode_all(state, config)
-    initialise_colours(state.model, Strands(state.drawn, root_uv=state.model.root_uv), data.observations())
+    strands = Strands(state.drawn, root_uv=state.model.root_uv)
+    if config.trimap.mattes:
+        state.model.lines = estimate_width(state.model, strands, data.observations())
+    initialise_colours(state.model, strands, data.observations())
 
 
 @torch.no_grad()

@@ -19,7 +19,7 @@ from neural_strands.training.fit_data import FitData
 from neural_strands.training.run_folder import RunFolder
 
 HAIR_WIDTH = 7e-5
-"""Thickness written for every strand, metres: a typical human hair."""
+"""Thickness written for strands whose width the fit did not find, metres: a typical human hair."""
 
 
 @torch.no_grad()
@@ -34,13 +34,22 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
         strands.points.cpu(),
         root_uv=model.root_uv.cpu(),
         root_normal=model.root_frame[:, :, 2].cpu(),
-        width=torch.full(strands.points.shape[:2], HAIR_WIDTH),
+        width=strand_widths(model, strands).cpu(),
         color=groom_colours(model, strands, data).cpu(),
     )
     save_hair_model(model, folder.model, notes)
     for path in (folder.groom, folder.groom_arrays):
         write_groom(path, Groom.from_strands(coloured))
     return coloured
+
+
+def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand point"]:
+    """Thickness of every point, metres: as the model draws strands, so that the groom covers what the pictures show."""
+    count = strands.points.shape[1]
+    along = torch.linspace(0, 1, count, device=strands.points.device)
+    tip = torch.ones_like(along) if model.lines.tip <= 0 else ((1 - along) / model.lines.tip).clamp(max=1.0)
+    width = model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)
+    return width.expand(strands.points.shape[:2])
 
 
 @torch.no_grad()

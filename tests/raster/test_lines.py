@@ -52,6 +52,39 @@ def test_agrees_with_the_twin(generator, device, distance):
         same_buffers(found, expected)
 
 
+@pytest.mark.parametrize(("width", "tip"), [(0.002, 0.0), (0.012, 0.4), (0.04, 1.0)])
+def test_wide_strands_agree_with_the_twin(generator, device, width, tip):
+    """From a third of a pixel to six pixels, before the near plane and through it."""
+    camera = Camera.look_at(torch.tensor([0.05, 0.02, 0.8]), torch.zeros(3), 150.0, (160, 120))
+    points, config = wavy(generator, 60).to(device), LineConfig(width=width, tip=tip)
+    found = rasterise_lines(points, camera.to(device), config=config)
+    expected = rasterise_lines_reference(points, camera.to(device), config=config)
+    assert (expected.segment >= 0).sum() > 300
+    same_buffers(found, expected)
+
+
+@pytest.mark.parametrize("width", [0.3, 1.0, 2.6])
+@pytest.mark.parametrize("slope", [0.0, 0.7, -1.9])
+def test_a_strand_covers_its_area(camera, width, slope):
+    """Length times width, in pixels, on average over where it lies; half of it where all of it thins to the tip."""
+    config = LineConfig(width=width / 100)
+    ends = torch.tensor([[8.0, 16.0], [28.0, 16.0]]) if abs(slope) < 1 else torch.tensor([[20.0, 6.0], [20.0, 26.0]])
+    if abs(slope) < 1:
+        ends[:, 1] += torch.tensor([-10.0, 10.0]) * slope
+    else:
+        ends[:, 0] += torch.tensor([-10.0, 10.0]) / slope
+    covered, thinned = [], []
+    for k in range(200):
+        at = ends + (k + 0.5) / 200
+        strand = at_pixels(camera, torch.lerp(at[0], at[1], torch.linspace(0, 1, 9)[:, None]).tolist(), [1.0] * 9)
+        covered.append((rasterise_lines(strand, camera, config=config).segment >= 0).sum())
+        tipped = dataclasses.replace(config, tip=1.0)
+        thinned.append((rasterise_lines(strand, camera, config=tipped).segment >= 0).sum())
+    area = float((ends[1] - ends[0]).norm()) * width
+    assert float(torch.stack(covered).float().mean()) == pytest.approx(area, rel=0.04)
+    assert float(torch.stack(thinned).float().mean()) == pytest.approx(area / 2, rel=0.06)
+
+
 def test_double_precision_twin_agrees(generator):
     camera = Camera.look_at(torch.tensor([0.05, 0.02, 0.8]), torch.zeros(3), 300.0, (200, 150))
     points = wavy(generator, 100)
@@ -181,7 +214,9 @@ def test_batches_draw_the_same_keys_as_segments(generator, distance):
     matrix = projection_matrix(camera, cpu)
     drawn = [kernels.array(points.view(-1, 3), wp.vec3), kernels.array(matrix[None], wp.mat44)]
     size = [200, 150]
-    kernels.launch(draw_lines, 200, [0, *drawn, 0.01, 150, 1, 149, *size, kernels.array(keys[0].view(-1))], "cpu")
+    kernels.launch(
+        draw_lines, 200, [0, *drawn, 0.01, 0.0, 0.0, 150, 1, 149, *size, kernels.array(keys[0].view(-1))], "cpu"
+    )
     kernels.launch(draw_strands, 200, [0, *drawn, 0.01, 150, *size, kernels.array(keys[1].view(-1))], "cpu")
     assert (key_index(keys[0]) >= 0).sum() > 500
     assert torch.equal(keys[0], keys[1])

@@ -27,16 +27,18 @@ def test_agrees_with_a_naive_loop(generator, device, minimum_weight):
     torch.testing.assert_close(mean.cpu(), expected_mean, rtol=1e-4, atol=1e-5)
 
 
-def test_kernels_and_twin_agree_in_values_and_gradients(generator, device):
+@pytest.mark.parametrize("counted", [False, True])
+def test_kernels_and_twin_agree_in_values_and_gradients(generator, device, counted):
     pixels = (torch.rand(400, 2, generator=generator) * 40 - 4).to(device).requires_grad_()
     features = torch.randn(400, 6, generator=generator).to(device).requires_grad_()
     size, levels, minimum_weight = (31, 33), 4, 0.3
-    maps = splat_pyramid(pixels, features, size, levels, minimum_weight)
+    amounts = torch.randint(0, 5, (400,), generator=generator).float().to(device) if counted else None
+    maps = splat_pyramid(pixels, features, size, levels, minimum_weight, amounts)
     outputs, twins = [], []
     for level, found in enumerate(maps):
         level_size = (-(-size[0] // 2**level), -(-size[1] // 2**level))
         assert found.coverage.shape == level_size
-        mean, weight = splat_reference(pixels, features, level_size, 0.5**level, minimum_weight)
+        mean, weight = splat_reference(pixels, features, level_size, 0.5**level, minimum_weight, amounts)
         outputs += [found.features, found.coverage]
         twins += [mean.T.view(-1, *level_size), weight.view(level_size)]
     cotangents = [torch.randn(twin.shape, generator=generator).to(device) for twin in twins]
@@ -46,6 +48,16 @@ def test_kernels_and_twin_agree_in_values_and_gradients(generator, device):
     expected = torch.autograd.grad(twins, [pixels, features], cotangents)
     for gradient, twin in zip(gradients, expected, strict=True):
         torch.testing.assert_close(gradient, twin, rtol=1e-3, atol=1e-4)
+
+
+def test_a_point_that_counts_thrice_is_three_points(generator, device):
+    pixels = (torch.rand(50, 2, generator=generator) * 9).to(device)
+    features = torch.randn(50, 3, generator=generator).to(device)
+    amounts = torch.randint(0, 4, (50,), generator=generator).to(device)
+    once = splat(pixels, features, (9, 9), amounts=amounts.float())
+    repeated = splat(pixels.repeat_interleave(amounts, 0), features.repeat_interleave(amounts, 0), (9, 9))
+    torch.testing.assert_close(once.features, repeated.features, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(once.coverage, repeated.coverage, rtol=1e-4, atol=1e-5)
 
 
 def test_gradients_are_those_of_finite_differences(generator):

@@ -6,7 +6,7 @@ import torch
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import directions
-from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat, splat_pyramid
 from neural_strands.raster.visible import interpolate_knots, interpolate_visible, visible_directions, visible_points
 
@@ -41,6 +41,48 @@ def test_points_blend_the_ends_of_their_segments(generator, camera):
         assert (int(visible.strand[k]), int(visible.vertex[k])) == (strand, vertex)
         torch.testing.assert_close(visible.world[k], (1 - a) * points[strand, vertex] + a * points[strand, vertex + 1])
         assert float(visible.t[k]) == pytest.approx((vertex + a) / 9, abs=1e-6)
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4])
+def test_line_pixels_of_an_image_pixel_are_gathered(generator, device, factor):
+    """Against sets: a part of two segments in a pixel is one point, in the middle of the line pixels that see it."""
+    camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 120.0, SIZE)
+    points, fine = wavy(generator), camera.resized(SIZE[0] * factor, SIZE[1] * factor)
+    buffer = rasterise_lines(points.to(device), fine.to(device), config=LineConfig(width=0.004))
+    visible = visible_points(buffer, points.to(device), factor)
+    found = {}
+    for row, column in torch.nonzero(buffer.segment >= 0).tolist():
+        strand, vertex = divmod(int(buffer.segment[row, column]), points.shape[1] - 1)
+        key = (row // factor * SIZE[0] + column // factor, strand, vertex // 2)
+        found.setdefault(key, []).append(vertex + float(buffer.position[row, column]))
+    assert len(visible) == len(found) > 500
+    assert visible.pixel.tolist() == sorted(visible.pixel.tolist())
+    for k in range(len(visible)):
+        vertex, place = int(visible.vertex[k]), float(visible.vertex[k] + visible.position[k])
+        # The mean of places on both segments of a part may be the end of the first, which is the start of the second.
+        there = found.get((int(visible.pixel[k]), int(visible.strand[k]), vertex // 2))
+        assert there is not None
+        assert float(visible.weight[k]) == len(there)
+        assert place == pytest.approx(sum(there) / len(there), abs=1e-4)
+
+
+def test_gathered_points_lie_where_they_are_seen(generator, camera):
+    """Straight strands: within the pixel, but for half the strand's width."""
+    ends = torch.randn(60, 2, 1, 3, generator=generator) * 0.1
+    points = torch.lerp(ends[:, 0], ends[:, 1], torch.linspace(0, 1, 10)[None, :, None])
+    buffer = rasterise_lines(points, camera.resized(SIZE[0] * 3, SIZE[1] * 3), config=LineConfig(width=0.004))
+    visible = visible_points(buffer, points, 3)
+    assert len(visible) > 500
+    assert visible.weight.sum() == (buffer.segment >= 0).sum()
+    pixels, depth = camera.project(visible.world)
+    offset = (pixels - camera.pixel_centres().view(-1, 2)[visible.pixel]).abs().amax(dim=1)
+    assert (offset <= 0.5 + 0.5 * 0.004 * 120 / depth + 1e-3).all()
+
+
+def test_a_buffer_that_holds_no_whole_pixels_is_refused(generator, camera):
+    points = wavy(generator)
+    with pytest.raises(ValueError, match=r"\(40, 48\) has no whole pixels of 7 x 7"):
+        visible_points(rasterise_lines(points, camera), points, 7)
 
 
 def test_directions_of_visible_points_are_those_of_their_strands(generator, camera):
