@@ -51,6 +51,7 @@ def draw_strands(
     pixels = wp.zeros(shape=(BATCH,), dtype=int)
     depths = wp.zeros(shape=(BATCH,), dtype=int)
     longer = wp.zeros(shape=(BATCH,), dtype=int)
+    one_wide = wp.vec2(0.0, 0.0)
     columns = float(width)
     rows = float(height)
     done = wp.int32(0)
@@ -117,6 +118,6 @@ def draw_strands(
         while k < count:
             p = transform(projection, points[base + k])
             q = transform(projection, points[base + k + 1])
-            draw_in_front(p, q, to_screen(p), to_screen(q), near, wp.vec2(0.0), index + k, width, height, keys)
+            draw_in_front(p, q, to_screen(p), to_screen(q), near, one_wide, index + k, wp.vec2i(width, height), keys)
             k += 1
         done += count

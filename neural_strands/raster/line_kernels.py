@@ -165,8 +165,7 @@ def draw_in_front(
     near: float,
     radii: wp.vec2,
     index: int,
-    width: int,
-    height: int,
+    size: wp.vec2i,
     keys: wp.array[wp.int64],
 ) -> None:
     """Draw the part of one segment that lies in front of the near plane.
@@ -179,8 +178,7 @@ def draw_in_front(
         near: depth of the near plane, metres.
         radii: half the width at both ends, pixels at one metre's depth; zeros for a line one pixel wide.
         index: global segment index.
-        width: of the image, pixels.
-        height: of the image, pixels.
+        size: width and height of the image, pixels.
         keys: of all pixels.
     """
     if not (a[2] > near or b[2] > near):
@@ -192,9 +190,9 @@ def draw_in_front(
     if not a[2] > near:
         first = to_screen(wp.lerp(b, a, near_cut(b[2], a[2], near)))
     if radii[0] > 0.0 or radii[1] > 0.0:
-        draw_wide_segment(first, second, radii[0] * first[2], radii[1] * second[2], index, width, height, keys)
+        draw_wide_segment(first, second, radii[0] * first[2], radii[1] * second[2], index, size[0], size[1], keys)
     else:
-        draw_segment(first, second, index, width, height, keys)
+        draw_segment(first, second, index, size[0], size[1], keys)
 
 
 @wp.kernel(enable_backward=False)
@@ -231,7 +229,7 @@ def draw_lines(
             radius * tapered(tip, float(k) / float(points_per_strand - 1)),
             radius * tapered(tip, float(k + 1) / float(points_per_strand - 1)),
         )
-        draw_in_front(a, b, a_screen, b_screen, near, radii, index, width, height, keys)
+        draw_in_front(a, b, a_screen, b_screen, near, radii, index, wp.vec2i(width, height), keys)
         a = b
         a_screen = b_screen
 

@@ -137,11 +137,10 @@ def _half_widths(
     stretch = step.norm(dim=1) / step.amax(dim=1)
     focal = (camera.intrinsics[0, 0] * camera.intrinsics[1, 1]).sqrt()
     vertex = index % (points - 1)
-    ends = []
-    for end in (0, 1):
-        tip = (1 - (vertex + end) / (points - 1)) / config.tip if config.tip > 0 else torch.ones_like(fraction)
-        ends.append(0.5 * config.width * focal * screen[index, end, 2] * tip.clamp(max=1.0))
-    return torch.lerp(*ends, fraction) * stretch
+    ends = torch.stack([vertex, vertex + 1], dim=1)
+    tip = (1 - ends / (points - 1)) / config.tip if config.tip > 0 else torch.ones_like(ends)
+    half = 0.5 * config.width * focal * screen[index, :, 2] * tip.clamp(max=1.0)
+    return torch.lerp(half[:, 0], half[:, 1], fraction) * stretch
 
 
 def _pixels_across(

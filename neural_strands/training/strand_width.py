@@ -33,7 +33,7 @@ def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observa
         targets: photographs; those without a mask are not asked.
 
     Returns:
-        How to draw strands; as the model does now where there is no mask.
+        How to draw strands; as the model does now where there is no mask, or none of the widths does better.
     """
     pick = torch.linspace(0, len(targets) - 1, min(VIEWS, len(targets))).round().long().tolist()
     masked = [(target, target.mask) for target in (targets[index] for index in pick) if target.mask is not None]
@@ -64,4 +64,6 @@ def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observa
     for finer in (width * 2**-0.25, width * 2**0.25):
         found[finer, tip] = misfit(replace(model.lines, width=finer, tip=tip))
     width, tip = best()
+    if misfit(model.lines) <= found[width, tip]:
+        return model.lines
     return replace(model.lines, width=width, tip=tip)

@@ -52,3 +52,13 @@ def test_without_masks_strands_stay_as_they_are_drawn(model, generator):
     targets = [replace(target, mask=None) for target in matted(strands, LineConfig(width=1e-3), 1)]
     assert estimate_width(model, Strands(strands), targets) == model.lines
     assert estimate_width(model, Strands(strands), []) == model.lines
+
+
+def test_lines_one_pixel_wide_stay_where_masks_are_made_of_them(model, generator):
+    """Few strands in coarse pictures stand for many hairs: no width of a hair covers as much."""
+    start = torch.randn(150, 1, 3, generator=generator) * 0.05
+    strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]
+    targets = list(matted(strands, LineConfig(width=4e-3), 3))
+    assert estimate_width(model, Strands(strands), targets).width == WIDTHS[-1] * 2**0.25
+    targets = list(matted(strands, LineConfig(), model.config.supersample))
+    assert estimate_width(model, Strands(strands), targets) == model.lines
