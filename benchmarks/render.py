@@ -10,7 +10,7 @@ Each figure is the fastest of several runs. Prints one JSON object.
 
 import json
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 import tyro
@@ -24,8 +24,9 @@ from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
-from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.scalp.roots import Roots
+from neural_strands.training.fit_config import KNOTTED
 
 RADIUS = 0.09
 """Of the head, metres."""
@@ -43,8 +44,10 @@ class Arguments:
     """Side of the image, pixels; by default 256 on the CPU and 1024 on CUDA."""
     widths: tuple[int, ...] | None = None
     """Channels of the UNet's levels; by default those of the CPU preset, or twice as many on CUDA."""
-    supersample: int = 2
+    supersample: int = HairModelConfig().supersample
     """Line pixels for each image pixel, along each axis."""
+    lines: LineConfig = field(default_factory=lambda: LineConfig(width=2.5e-4, tip=0.33))
+    """How wide strands are: about what fits find."""
     runs: int = 10
     """Measured runs of each figure."""
     compile: bool = False
@@ -81,7 +84,9 @@ def hair_model(strands: int, arguments: Arguments, device: torch.device) -> Hair
     random = torch.Generator().manual_seed(0)
     narrow = UNetConfig().widths
     widths = arguments.widths or (narrow if device.type == "cpu" else tuple(2 * width for width in narrow))
-    config = HairModelConfig(unet=UNetConfig(widths), supersample=arguments.supersample)
+    config = HairModelConfig(
+        textures=KNOTTED, unet=UNetConfig(widths), lines=arguments.lines, supersample=arguments.supersample
+    )
     model = HairModel(config, hemisphere(strands, random), load_prior().generator, ball(), random)
     with torch.no_grad():
         model.textures.shape.normal_(generator=random)
@@ -143,7 +148,7 @@ def main(arguments: Arguments) -> None:
             for few in (hair_model(count, arguments, device),)
         }
         if arguments.supersample != 1:
-            plain = hair_model(strands, replace(arguments, supersample=1), device)
+            plain = hair_model(strands, replace(arguments, supersample=1, lines=LineConfig()), device)
             figures["without_supersampling"] = frame_times(plain, view(plain, side), arguments.runs)
     sys.stdout.write(json.dumps(figures) + "\n")
 
