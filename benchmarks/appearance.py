@@ -31,7 +31,7 @@ from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.shading import ShadingConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
-from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat
 from neural_strands.raster.visible import visible_points
 from neural_strands.scalp.chart import chart_faces
@@ -82,6 +82,8 @@ class Arguments:
             textures=self.textures,
             unet=UNetConfig(self.widths, alias_free=not self.plain),
             shading=self.shading,
+            # The artists' strands thin to their tips.
+            lines=LineConfig(tip=0.33),
             supersample=self.supersample,
         )
         return FitConfig(
