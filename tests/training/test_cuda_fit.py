@@ -56,7 +56,8 @@ def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, emulated):
         assert {k: v for k, v in row.items() if k != "seconds"} == pytest.approx(
             {k: v for k, v in wanted.items() if k != "seconds"}, rel=1e-4, abs=1e-6
         )
-    ours = {**there.model.state_dict(), "remembered": there.remembered, "drawn": there.drawn}
+    ours = {**dict(there.model.named_parameters()), **dict(there.model.named_buffers())}
+    ours |= {"remembered": there.remembered, "drawn": there.drawn}
     assert [name for name, value in ours.items() if not on_device(value)] == []
     torch.testing.assert_close(there.drawn.cpu(), here.drawn, atol=1e-5, rtol=0)
     save_checkpoint(there, tmp_path / "checkpoint.pt")
