@@ -85,8 +85,9 @@ def grow_chains(
         chains = _walk(grid, seeds, points, directions, radius, footprint, config)
         chains = _trim(chains, cell_keys(chains.points, cell), taken, config.shortest)
         parts.append(chains)
-        taken = torch.unique(torch.cat([taken, cell_keys(chains.points, cell), keys[seeds]]))
-        order = order[~torch.isin(keys[order], taken)]
+        added = torch.unique(torch.cat([cell_keys(chains.points, cell), keys[seeds]]))
+        taken = torch.unique(torch.cat([taken, added]))
+        order = order[~_among(keys[order], added)]
     sizes = torch.cat([part.sizes for part in parts]) if parts else keys[:0]
     if len(sizes) == 0:
         return LineSegments(points[:0], directions[:0], cloud.weight[:0], keys[:0])
@@ -148,7 +149,7 @@ def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chain
     cells, inverse = torch.unique(keys, return_inverse=True)
     first = torch.full((len(cells),), len(chains.sizes), dtype=torch.int64, device=device)
     first.scatter_reduce_(0, inverse, rank, "amin")
-    kept = (first[inverse] == rank) & ~torch.isin(keys, taken)
+    kept = (first[inverse] == rank) & ~_among(keys, taken)
     # A piece begins where a kept point follows a dropped one or another chain.
     begins = kept.clone()
     begins[1:] &= ~kept[:-1] | (rank[1:] != rank[:-1])
@@ -157,6 +158,14 @@ def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chain
     long = sizes >= shortest
     index = torch.nonzero(kept).squeeze(1)[long[piece]]
     return _Chains(chains.points[index], chains.directions[index], chains.weight[index], sizes[long])
+
+
+def _among(keys: Tensor, ordered: Tensor) -> Tensor:
+    """Which keys are among those of a sorted list: `torch.isin`, which would sort both anew."""
+    if len(ordered) == 0:
+        return torch.zeros_like(keys, dtype=torch.bool)
+    place = torch.searchsorted(ordered, keys).clamp(max=len(ordered) - 1)
+    return ordered[place] == keys
 
 
 def _apart(order: Tensor, points: Tensor, distance: float) -> Tensor:
