@@ -55,7 +55,7 @@ class Arguments:
     """Folder of the pictures and the fitted model."""
     plain: bool = False
     """The strided UNet in place of the alias-free one."""
-    widths: tuple[int, ...] = (16, 32, 48, 64)
+    widths: tuple[int, ...] = (16, 32)
     """Channels of the UNet's levels."""
     shading: ShadingConfig = field(default_factory=ShadingConfig)
     """The point shader."""

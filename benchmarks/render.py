@@ -21,6 +21,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
@@ -104,14 +105,16 @@ def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]
     fine = camera.resized(camera.width * factor, camera.height * factor)
     body = model.body(fine)
     lines = rasterise_lines(strands.points, fine, body.depth, model.lines)
-    maps = model.splat_descriptors(strands, lines, camera)
+    volume = hair_volume(strands.points)
+    maps = model.splat_descriptors(strands, lines, camera, volume=volume)
     stages = {
         "decode": model.decode,
         "body": lambda: model.body(fine),
         "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.lines),
-        "splat": lambda: model.splat_descriptors(strands, lines, camera),
+        "volume": lambda: hair_volume(strands.points),
+        "splat": lambda: model.splat_descriptors(strands, lines, camera, volume=volume),
         "unet": lambda: model.generate(maps, camera),
-        "static_frame": lambda: model.render(strands, camera),
+        "static_frame": lambda: model.render(strands, camera, volume=volume),
         "dynamic_frame": lambda: model(camera),
     }
     return {name: round(1e3 * time_function(run, device, runs, 2).fastest, 2) for name, run in stages.items()}

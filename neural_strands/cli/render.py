@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from neural_strands.geometry.cameras import Camera
     from neural_strands.geometry.strands import Strands
-    from neural_strands.model.hair_model import HairModel
+    from neural_strands.model.hair_model import RenderOutput
 
 VIDEO_SUFFIXES = (".mp4",)
 """Suffixes of --out that mean a video."""
@@ -60,16 +60,18 @@ class Render:
         import torch
 
         from neural_strands.model.files import load_hair_model
+        from neural_strands.model.hair_volume import hair_volume
 
         self._check()
         model = load_hair_model(self.model, pick_device(self.device)).eval()
         begin = time.perf_counter()
         with torch.inference_mode():
             strands = model.decode(self.points)
+            volume = hair_volume(strands.points)
             cameras = self._cameras(strands)
             with self._writer(cameras[0]) as write:
                 for camera in track(cameras, "rendering"):
-                    write(camera.name, self._frame(model, strands, camera))
+                    write(camera.name, self._frame(model.render(strands, camera, volume=volume)))
         result = {
             "frames": len(cameras),
             "seconds": round(time.perf_counter() - begin, 2),
@@ -104,11 +106,10 @@ class Render:
         cameras = [view.camera for view in read_transforms(self.camera)]
         return cameras if self.size is None else [camera.resized(*self.size) for camera in cameras]
 
-    def _frame(self, model: "HairModel", strands: "Strands", camera: "Camera") -> "np.ndarray":
+    def _frame(self, output: "RenderOutput") -> "np.ndarray":
         """One frame as 8-bit BGR, or BGRA with `alpha`."""
         import torch
 
-        output = model.render(strands, camera)
         image = torch.cat([output.hair_rgb, output.alpha[..., None]], dim=-1) if self.alpha else output.rgb
         order = [2, 1, 0, 3] if self.alpha else [2, 1, 0]
         return image[..., order].clamp(0, 1).mul(255).round().byte().cpu().numpy()

@@ -13,6 +13,7 @@ from neural_strands.foundation.precision import exact_convolutions
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.hair_volume import hair_volume
 
 HAIR_COVERAGE = 0.5
 """Coverage from which a pixel belongs to the hair region."""
@@ -56,9 +57,10 @@ def view_qualities(
         views: camera, photograph and hair coverage; without one, the region is where the model sees hair.
         metric: LPIPS, if there is one.
     """
+    volume = hair_volume(strands.points)
     results = []
     for camera, image, mask in views:
-        output = model.render(strands, camera)
+        output = model.render(strands, camera, volume=volume)
         shown = output.rgb.clamp(0, 1)
         region = ((output.alpha if mask is None else mask) >= HAIR_COVERAGE).to(shown)
         with exact_convolutions():

@@ -17,6 +17,7 @@ from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import Background, Body, SurroundConfig, area_mean, compose
+from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
 from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.unet import UNet, UNetConfig
@@ -168,13 +169,16 @@ class HairModel(nn.Module):
         body = rasterise_triangles(self.body.vertices, self.body.faces, fine)
         return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.lines))
 
-    def render(self, strands: Strands, camera: Camera, blur: float = 0.0) -> RenderOutput:
+    def render(
+        self, strands: Strands, camera: Camera, blur: float = 0.0, volume: HairVolume | None = None
+    ) -> RenderOutput:
         """Render strands from one view.
 
         Args:
             strands: world metres; `root_uv` says whose appearance each has.
             camera: the view, of any size.
             blur: standard deviation, in texels, of the blur of the gradient into Z_a.
+            volume: `hair_volume` of the strands, where they are rendered more than once.
 
         Raises:
             ValueError: strands without `root_uv`.
@@ -183,7 +187,7 @@ class HairModel(nn.Module):
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
         body = self.body(camera, drawing.body)
-        maps = self.splat_descriptors(strands, drawing.lines, camera, blur)
+        maps = self.splat_descriptors(strands, drawing.lines, camera, blur, volume)
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         alpha = torch.sigmoid(raw[..., 3] + SURE * (2 * coverage - 1))
@@ -193,7 +197,12 @@ class HairModel(nn.Module):
         return RenderOutput(rgb, alpha, raw[..., :3], behind, coverage, drawing.lines)
 
     def splat_descriptors(
-        self, strands: Strands, lines: LineBuffer, camera: Camera, blur: float = 0.0
+        self,
+        strands: Strands,
+        lines: LineBuffer,
+        camera: Camera,
+        blur: float = 0.0,
+        volume: HairVolume | None = None,
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of the visible points, one a level (paper, "Neural Hair Descriptor").
 
@@ -208,7 +217,9 @@ class HairModel(nn.Module):
         appearance = interpolate_knots(self.textures.sample_appearance(strands.root_uv, blur), visible)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
-        colour = self.shading(descriptor, torch.nn.functional.normalize(visible.world - camera.position, dim=1))
+        view = torch.nn.functional.normalize(visible.world - camera.position, dim=1)
+        around = (volume or hair_volume(strands.points)).at(visible.world)
+        colour = self.shading(descriptor, view, around)
         pixels, _ = camera.project(visible.world)
         descriptor = torch.cat([descriptor, colour], dim=1)
         size = (camera.height, camera.width)

@@ -27,6 +27,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.hair_volume import hair_volume
 from neural_strands.scalp.head import Head
 from neural_strands.training.prepare import held_out_views, training_views
 from neural_strands.training.run import find_head
@@ -140,9 +141,10 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
     metric, absent = find_lpips("squeeze", device)
     views = view_qualities(run.model, run.strands, (_view(run, index, device) for index in run.shown), metric)
     camera = run.capture.cameras[run.shown[0]].to(device)
+    volume = hair_volume(run.strands.points)
     with torch.no_grad():
         decode = time_function(run.model.decode, device, runs=3)
-        render = time_function(lambda: run.model.render(run.strands, camera), device, runs=3)
+        render = time_function(lambda: run.model.render(run.strands, camera, volume=volume), device, runs=3)
     return Evaluation(
         ours=ours,
         lmvs=lmvs,

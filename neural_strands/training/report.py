@@ -8,6 +8,7 @@ from neural_strands.evaluation.geometry_metrics import GeometryScore
 from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
 from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png, strip
 from neural_strands.foundation.files import atomic_file
+from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.training.evaluate import Evaluation, RunContents, mean_of, read_losses
 from neural_strands.training.fit_data import segment_lines
@@ -151,7 +152,8 @@ def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
     shown = run.capture.cameras[run.shown[0]]
     side = min(TURN_SIDE, shown.width, shown.height)
     cameras = turntable_cameras(run.strands.points, TURN_FRAMES, (side, side))
-    rendered = [run.model.render(run.strands, camera).rgb.clamp(0, 1).cpu() for camera in cameras]
+    volume = hair_volume(run.strands.points)
+    rendered = [run.model.render(run.strands, camera, volume=volume).rgb.clamp(0, 1).cpu() for camera in cameras]
     drawn = [geometry_picture(run.strands.points, camera, run.head.mesh).cpu() for camera in cameras]
     strips = tuple(
         (caption, strip([_shrunk(frame) for frame in frames]))
