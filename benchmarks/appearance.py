@@ -63,7 +63,7 @@ class Arguments:
     """The appearance texture."""
     supersample: int = 4
     """Line pixels for each image pixel, along each axis."""
-    steps: int = 2400
+    steps: int = 4000
     """Gradient steps, one region each."""
     crop: int = 160
     """Side of a region, pixels."""
