@@ -171,7 +171,7 @@ def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
     patch.intensity, patch.best, patch.views = config.intensity, min(config.best, count), count
     patch.height, patch.width = views.texture.shape[1:3]
     return [
-        launches.array(views.texture, wp.vec4),
+        launches.array(views.texture.reshape(-1, 4), wp.vec4),
         launches.array(views.projection, wp.mat44),
         launches.array(views.centre, wp.vec3),
         launches.array(views.plane, wp.mat33),

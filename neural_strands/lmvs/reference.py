@@ -17,7 +17,7 @@ def line_cost_reference(
     footprint: Float[Tensor, " line"],
     patch: Any,
 ) -> Float[Tensor, " line"]:
-    """Cost of lines, as `kernels.line_cost`; `patch` is a `kernels.Patch`."""
+    """Cost of lines, as `ribbon_kernels.line_cost`; `patch` is a `Patch`."""
     origin, motion = _seen(projection[0], point, 1.0), _seen(projection[0], direction, 0.0)
     speed = (motion[:, :2] * origin[:, 2:] - origin[:, :2] * motion[:, 2:]).norm(dim=-1) / origin[:, 2] ** 2
     along = direction * (patch.step * torch.minimum(1 / speed.clamp(min=1e-9), 2 * footprint))[:, None]

@@ -41,7 +41,7 @@ def test_directions_that_all_views_see_are_found(generator: torch.Generator):
         found = torch.zeros(1, 3)
         inputs = [
             launches.array((offset / offset.norm())[None], wp.vec3),
-            launches.array(texture, wp.vec4),
+            launches.array(texture.reshape(-1, 4), wp.vec4),
             launches.array(projection, wp.mat44),
             launches.array(torch.stack([camera.position for camera in cameras]), wp.vec3),
             launches.array(torch.stack([(c.intrinsics @ c.rotation).T for c in cameras]), wp.mat33),

@@ -50,15 +50,22 @@ def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device)
     inputs = [
         *(launches.array(t.to(device), wp.vec3) for t in (point, direction, normal)),
         launches.array(footprint.to(device)),
-        launches.array(texture.to(device), wp.vec4),
+        launches.array(texture.to(device).reshape(-1, 4), wp.vec4),
         launches.array(projection.to(device), wp.mat44),
         patch,
-        launches.array(cost),
     ]
-    launches.launch_split(kernels.evaluate, count, inputs, device)
+    launches.launch_split(kernels.evaluate, count, [*inputs, kernels.UNLIMITED, launches.array(cost)], device)
     expected = line_cost_reference(texture, projection, point, direction, normal, footprint, patch)
     assert torch.allclose(cost.cpu(), expected, atol=2e-3)
     assert cost.std() > 0.01
+    # Within a limit a line costs the same; beyond it, it is only known to cost more.
+    for limit in (float(cost.median()), 0.3 * float(cost.min())):
+        limited = torch.zeros_like(cost)
+        launches.launch_split(kernels.evaluate, count, [*inputs, limit, launches.array(limited)], device)
+        within = cost <= limit
+        assert torch.equal(limited[within], cost[within])
+        assert (limited[~within] > limit).all()
+    assert (limited < 0.9 * cost).all()
 
 
 def test_mean_shift_is_its_twin(generator: torch.Generator):

@@ -1,0 +1,225 @@
+"""What a hypothesis of the line PatchMatch costs: a ribbon about a 3D line, compared between the views.
+
+A view's texture holds, per pixel, the doubled orientation weighted by its confidence c (c cos 2a, c sin 2a), c, and the
+brightness; the textures of all views lie one after the other, row by row. View 0 is the reference, the others its
+neighbours. Pixel centres lie at +0.5.
+
+Nearly all of the stereo's time is spent here. On the CPU a view's samples go through two loops: one over where they
+lie, without branches, which the compiler turns into vector instructions, and one over what is read there.
+"""
+
+# ruff: noqa: UP018  (Warp tells a variable from a constant by the cast)
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+Costs = wp.types.vector(length=8, dtype=wp.float32)
+"""One for each neighbour view, of which there are eight at most."""
+
+MOST_SAMPLES = 128
+"""Most samples of a ribbon, rounded up to whole vectors of eight."""
+
+Samples = wp.types.vector(length=MOST_SAMPLES, dtype=wp.float32)
+Places = wp.types.vector(length=MOST_SAMPLES, dtype=wp.int32)
+
+
+@wp.struct
+@no_type_check
+class Patch:
+    """How a hypothesis is sampled and weighed.
+
+    Attributes:
+        along, across: samples to each side of the centre, along the line and across it.
+        step: distance of samples in pixels of the reference.
+        intensity: weight of 1 - NCC against the orientation's cost, in [0, 1].
+        best: number of neighbours, the best ones, whose mean is the cost.
+        views: number of neighbours.
+        width, height: of the textures, pixels.
+    """
+
+    along: wp.int32
+    across: wp.int32
+    step: wp.float32
+    intensity: wp.float32
+    best: wp.int32
+    views: wp.int32
+    width: wp.int32
+    height: wp.int32
+
+
+@wp.func
+@no_type_check
+def blend(texture: wp.array[wp.vec4], first: int, width: int, fx: float, fy: float) -> wp.vec4:
+    """Between the pixel `first`, the next of its row, and the two below them."""
+    fxy = fx * fy
+    return (
+        texture[first] * (1.0 - fx - fy + fxy)
+        + texture[first + 1] * (fx - fxy)
+        + texture[first + width] * (fy - fxy)
+        + texture[first + width + 1] * fxy
+    )
+
+
+@wp.func
+@no_type_check
+def fetch(texture: wp.array[wp.vec4], view: int, u: float, v: float, width: int, height: int) -> wp.vec4:
+    """Bilinear sample at pixel coordinates (u, v); outside, the border's."""
+    x = wp.clamp(u - 0.5, 0.0, float(width) - 1.001)
+    y = wp.clamp(v - 0.5, 0.0, float(height) - 1.001)
+    column = int(x)
+    row = int(y)
+    first = (view * height + row) * width + column
+    return blend(texture, first, width, x - float(column), y - float(row))
+
+
+@wp.func
+@no_type_check
+def homogeneous(projection: wp.array[wp.mat44], view: int, point: wp.vec3, weight: float) -> wp.vec3:
+    """Homogeneous pixel of a point (weight 1) or a direction (weight 0)."""
+    image = projection[view] * wp.vec4(point[0], point[1], point[2], weight)
+    return wp.vec3(image[0], image[1], image[2])
+
+
+@wp.func
+@no_type_check
+def doubled_angle(image: wp.vec3, motion: wp.vec3) -> wp.vec2:
+    """Cosine and sine of twice the angle at which a line through `image` (homogeneous) with `motion` is seen."""
+    x = motion[0] * image[2] - image[0] * motion[2]
+    y = motion[1] * image[2] - image[1] * motion[2]
+    square = wp.max(x * x + y * y, 1.0e-20)
+    return wp.vec2((x * x - y * y) / square, 2.0 * x * y / square)
+
+
+@wp.func
+@no_type_check
+def inside(image: wp.vec3, patch: Patch) -> bool:
+    """Whether a homogeneous pixel lies in front of the camera and in the picture."""
+    return (
+        image[2] > 0.0
+        and image[0] > 0.0
+        and image[1] > 0.0
+        and image[0] < float(patch.width) * image[2]
+        and image[1] < float(patch.height) * image[2]
+    )
+
+
+@wp.func
+@no_type_check
+def metres_a_pixel(image: wp.vec3, motion: wp.vec3, footprint: float) -> float:
+    """How far along a line a pixel goes; a line seen end-on would go on for ever, so twice the footprint at most."""
+    u = motion[0] * image[2] - image[0] * motion[2]
+    v = motion[1] * image[2] - image[1] * motion[2]
+    speed = wp.length(wp.vec2(u, v)) / (image[2] * image[2])
+    return wp.min(1.0 / wp.max(speed, 1.0e-9), 2.0 * footprint)
+
+
+@wp.func
+@no_type_check
+def variance(total: float, squares: float, count: float) -> float:
+    """Variance from the sums of values and of their squares; no less than that of noise."""
+    return wp.max(squares / count - total * total / (count * count), 1.0e-7)
+
+
+@wp.func
+@no_type_check
+def line_cost(
+    texture: wp.array[wp.vec4],
+    projection: wp.array[wp.mat44],
+    point: wp.vec3,
+    direction: wp.vec3,
+    normal: wp.vec3,
+    footprint: float,
+    patch: Patch,
+    limit: float,
+) -> float:
+    """Cost in [0, 1] of a line through `point`; a ribbon about it is compared between the views.
+
+    Geometric term: sin^2 of the angle between the projected line and the orientation seen at the samples, weighted by
+    confidence. Intensity term: (1 - NCC) / 2 of the ribbon's brightness. Occluded neighbours drop out: the mean is over
+    the best ones, and the reference's own geometric term counts beside it. Once the views so far cost more than
+    `limit`, whatever the others say, that is returned.
+    """
+    origin = homogeneous(projection, 0, point, 1.0)
+    motion = homogeneous(projection, 0, direction, 0.0)
+    along = direction * (patch.step * metres_a_pixel(origin, motion, footprint))
+    across = wp.normalize(wp.cross(normal, direction)) * (patch.step * footprint)
+    wide = float(2 * patch.across + 1)
+    samples = (2 * patch.across + 1) * (2 * patch.along + 1)
+    padded = (samples + 7) / 8 * 8
+    count = float(samples)
+    width = float(patch.width)
+    height = float(patch.height)
+    share = 1.0 - patch.intensity
+    weight = 1.0 / (float(patch.best) + share)
+    reference = Samples()
+    right = Samples()
+    down = Samples()
+    places = Places()
+    worst = Costs()
+    variance_r = float(1.0)
+    sum_r = float(0.0)
+    total = float(0.0)
+    j = wp.int32(0)
+    while j <= patch.views:
+        origin = homogeneous(projection, j, point, 1.0)
+        run = homogeneous(projection, j, along, 0.0)
+        side = homogeneous(projection, j, across, 0.0)
+        outside = wp.int32(0)
+        s = wp.int32(0)
+        while s < padded:
+            a = float(int((float(s) + 0.5) / wide))
+            b = float(s) - a * wide - float(patch.across)
+            a -= float(patch.along)
+            depth = origin[2] + run[2] * a + side[2] * b
+            u = (origin[0] + run[0] * a + side[0] * b) / depth
+            v = (origin[1] + run[1] * a + side[1] * b) / depth
+            seen = depth > 0.0 and u > 0.0 and v > 0.0 and u < width and v < height
+            outside += wp.where(s < samples and not seen, 1, 0)
+            x = wp.min(wp.max(u - 0.5, 0.0), width - 1.001)
+            y = wp.min(wp.max(v - 0.5, 0.0), height - 1.001)
+            right[s] = x - float(int(x))
+            down[s] = y - float(int(y))
+            places[s] = (j * patch.height + int(y)) * patch.width + int(x)
+            s += 1
+        found = float(1.0)
+        if j == 0 or outside == 0:
+            line = doubled_angle(origin, run)
+            mean = wp.vec4()
+            squares = float(0.0)
+            products = float(0.0)
+            s = wp.int32(0)
+            while s < samples:
+                # The compiler learns that no index is negative: Warp counts those from the array's end.
+                value = blend(texture, wp.max(places[s], 0), patch.width, right[s], down[s])
+                mean += value
+                squares += value[3] * value[3]
+                products += value[3] * reference[s]
+                reference[s] = wp.where(j == 0, value[3], reference[s])
+                s += 1
+            angle = 0.5 * (mean[2] - mean[0] * line[0] - mean[1] * line[1])
+            variance_j = variance(mean[3], squares, count)
+            if j == 0:
+                total = share * angle / wp.max(mean[2], 1.0e-4)
+                sum_r = mean[3]
+                variance_r = variance_j
+            else:
+                covariance = products / count - mean[3] * sum_r / (count * count)
+                ncc = wp.clamp(covariance / wp.sqrt(variance_r * variance_j), -1.0, 1.0)
+                geometric = wp.where(mean[2] > 1.0e-3 * count, angle / mean[2], 0.5)
+                found = share * geometric + patch.intensity * 0.5 * (1.0 - ncc)
+        if j > 0:
+            # The worst so far are kept back, and in the end left out: the sum of the others only grows.
+            k = wp.int32(0)
+            while k < patch.views - patch.best:
+                kept = wp.max(worst[k], found)
+                found = wp.min(worst[k], found)
+                worst[k] = kept
+                k += 1
+            total += found
+            if total * weight > limit:
+                return total * weight
+        j += 1
+    return total * weight
