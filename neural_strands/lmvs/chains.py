@@ -73,6 +73,8 @@ def grow_chains(
 ) -> LineSegments:
     """Grow chains from the cloud until every point belongs to one."""
     radius, cell = config.radius * footprint, config.spacing * footprint
+    # What is near in space is near in memory: a walk reads all of a neighbourhood.
+    cloud = cloud.select(torch.argsort(cell_keys(cloud.points, radius)))
     points, directions, _ = mean_shift(cloud, radius, config.angle, config.rounds)
     grid = Cloud(points, directions, cloud.weight, radius)
     keys = cell_keys(points, cell)
