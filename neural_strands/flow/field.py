@@ -19,18 +19,19 @@ from neural_strands.geometry.line_segments import LineSegments
 class FlowConfig:
     """The volume and its diffusion."""
 
-    spacing: float = 0.003
+    spacing: float = 0.002
     """Edge of a voxel, metres."""
     margin: float = 0.02
     """Metres of the box around segments and roots."""
-    iterations: int = 200
-    """Jacobi sweeps after the multigrid start."""
+    iterations: int = 25
+    """Jacobi sweeps after the multigrid start. They smooth over about the root of their number in voxels: none leaves
+    the start's steps, many wash out how the hair's layers differ."""
     normal_pull: float = 0.5
     """How strongly the scalp's normal, rather than the flow above it, sets the direction beside the scalp; 0 to 1."""
     scalp_layer: float = 0.003
     """Thickness in metres of the layer that the scalp pulls."""
-    least_confidence: float = 0.0
-    """Segment points less confident than this do not count."""
+    least_confidence: float = 0.3
+    """Segment points less confident than this do not count: half of all have 0.5 or more, guesses have 0.1."""
 
 
 @dataclass(frozen=True)

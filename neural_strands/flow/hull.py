@@ -42,20 +42,23 @@ def hair_hull(
     """
     config = config or HullConfig()
     centres = grid.centres().reshape(-1, 3)
-    possible = torch.ones(grid.count, dtype=torch.bool, device=centres.device)
+    left = torch.arange(grid.count, device=centres.device)
     for camera, mask in views:
         depth = rasterise_triangles(head.vertices, head.faces, camera).depth
-        pixels, distance = camera.project(centres)
+        pixels, distance = camera.project(centres[left])
         column, row = pixels[:, 0].floor(), pixels[:, 1].floor()
         seen = (distance > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        chosen = torch.nonzero(seen & possible).squeeze(1)
+        chosen = torch.nonzero(seen).squeeze(1)
         flat = row[chosen].long() * camera.width + column[chosen].long()
         radius = round(config.mask_margin / camera.footprint(float(distance[chosen].median()))) if len(chosen) else 0
         empty = widen(mask, radius) < config.mask_threshold
         before_head = distance[chosen] < depth.reshape(-1)[flat]
-        possible[chosen[empty.reshape(-1)[flat] & before_head]] = False
-    left = torch.nonzero(possible).squeeze(1)
-    possible[left] = signed_distance(centres[left], head).distance > -config.head_depth
+        kept = torch.ones_like(seen)
+        kept[chosen[empty.reshape(-1)[flat] & before_head]] = False
+        left = left[kept]
+    left = left[signed_distance(centres[left], head).distance > -config.head_depth]
+    possible = torch.zeros(grid.count, dtype=torch.bool, device=centres.device)
+    possible[left] = True
     return possible.reshape(grid.shape)
 
 

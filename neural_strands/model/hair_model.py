@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn import functional
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
@@ -30,6 +31,10 @@ from neural_strands.scalp.roots import Roots
 
 SURE = 3.0
 """Logit of the opacity that full coverage starts with, and minus that of none: 0.95 and 0.05."""
+NEAR = 6
+"""Within how many pixels of a strand there may be opacity; two more lead from all to none."""
+ENOUGH = 0.05
+"""Share of a pixel that counts as a strand there."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +195,7 @@ class HairModel(nn.Module):
         maps = self.splat_descriptors(strands, drawing.lines, camera, blur, volume)
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
-        alpha = torch.sigmoid(raw[..., 3] + SURE * (2 * coverage - 1))
+        alpha = torch.sigmoid(raw[..., 3] + SURE * (2 * coverage - 1)) * near_strands(coverage.detach())
         share = area_mean(body.coverage[..., None], factor)
         behind = area_mean(body.colour, factor) + (1 - share) * self.background(camera)
         rgb = compose(raw[..., :3], alpha, behind)
@@ -217,7 +222,7 @@ class HairModel(nn.Module):
         appearance = interpolate_knots(self.textures.sample_appearance(strands.root_uv, blur), visible)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
-        view = torch.nn.functional.normalize(visible.world - camera.position, dim=1)
+        view = functional.normalize(visible.world - camera.position, dim=1)
         around = (volume or hair_volume(strands.points)).at(visible.world)
         colour = self.shading(descriptor, view, around)
         pixels, _ = camera.project(visible.world)
@@ -236,7 +241,7 @@ class HairModel(nn.Module):
         with torch.autocast(device, torch.bfloat16, enabled=half):
             raw = self.unet(pyramid)
         shaded = filled_from_below([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
-        return raw[0].permute(1, 2, 0).float() + torch.nn.functional.pad(shaded.permute(1, 2, 0), (0, 1))
+        return raw[0].permute(1, 2, 0).float() + functional.pad(shaded.permute(1, 2, 0), (0, 1))
 
     def _pixel_channels(self, level_map: SplatMap, camera: Camera, level: int) -> Float[Tensor, "4 h w"]:
         """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""
@@ -256,6 +261,19 @@ def filled_from_below(
     image = pyramid[-1]
     for features, coverage in zip(reversed(pyramid[:-1]), reversed(coverages[:-1]), strict=True):
         height, width = coverage.shape
-        above = torch.nn.functional.interpolate(image[None], scale_factor=2.0, mode="bilinear")[0, :, :height, :width]
+        above = functional.interpolate(image[None], scale_factor=2.0, mode="bilinear")[0, :, :height, :width]
         image = features + (1 - coverage / MINIMUM_WEIGHT).clamp(min=0.0) * above
     return image
+
+
+def near_strands(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
+    """One within `NEAR` pixels of a pixel that strands were drawn on, falling to zero over two more.
+
+    Far from all hair every pixel looks the same to the network, so the opacity there is one number that a squared error
+    hardly moves once it is small; over a whole picture it shows as a veil with a clear rim about the hair.
+    """
+    # Not a threshold: whether a share of 1e-7 is drawn may hang on rounding.
+    drawn = (coverage / ENOUGH).clamp(max=1.0)[None, None]
+    for size in ((2 * NEAR + 3, 1), (1, 2 * NEAR + 3)):
+        drawn = functional.max_pool2d(drawn, size, stride=1, padding=(size[0] // 2, size[1] // 2))
+    return functional.avg_pool2d(drawn, 3, stride=1, padding=1, count_include_pad=False)[0, 0]

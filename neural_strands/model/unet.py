@@ -26,7 +26,7 @@ from neural_strands.raster.resample import downsample, filtered_leaky_relu, leak
 class UNetConfig:
     """Size and kind of the image generator."""
 
-    widths: tuple[int, ...] = (16, 32)
+    widths: tuple[int, ...] = (16, 32, 32)
     """Channels at each level, finest first; every level halves the resolution."""
     alias_free: bool = True
     """Filtered resampling and activations; otherwise strided convolutions and pointwise activations."""

@@ -109,7 +109,7 @@ def preset(name: Preset) -> FitConfig:
     """The settings behind a name: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU."""
     small = HairModelConfig(
         textures=ScalpTextureConfig(shape_size=128, appearance_size=128, appearance_knots=4),
-        unet=UNetConfig(widths=(12, 24)),
+        unet=UNetConfig(widths=(12, 24, 32)),
     )
     configs = {
         "demo": FitConfig(steps=400, strands=6000, strands_per_step=2000, step_points=40, crop=128, model=small),
