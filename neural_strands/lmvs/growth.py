@@ -33,9 +33,12 @@ class GrowthConfig:
     """Neighbours of a larger angle say nothing, degrees."""
     scalp_reach: float = 0.03
     """How far from the head its pull falls to 1/e, as a share of the head's size."""
-    scalp: float = 0.3
-    """Pull to point away from the head."""
-    gravity: float = 0.15
+    scalp: float = 3e-5
+    """Pull to point away from the head, where a tie between two segments has up to 1.
+
+    This and the next are so small that neighbours alone decide who points with whom, and these which of its two signs
+    a mass of hair takes. Stronger, they turn single parts: hair that stands up at the root before it falls."""
+    gravity: float = 1.5e-5
     """Pull to hang."""
     stroke: float = 100.0
     """Pull of a stroke."""
@@ -70,7 +73,7 @@ def orient_segments(
     count = segments.segment_count
     spacing = _spacing(points, owner)
     pull = -config.gravity * (lines @ np.asarray(up))
-    weight = np.full(len(points), config.gravity)
+    weight = np.full(len(points), float(config.gravity))
     if head is not None:
         skin = head if scalp_faces is None else Mesh(head.vertices, head.faces[scalp_faces])
         away, strength = _away_from_head(segments, skin, config)
@@ -87,7 +90,7 @@ def orient_segments(
     ties = ties + ties.T
     diagonal = np.asarray(abs(ties).sum(axis=1)).ravel() + anchored + 1e-9
     # The residual is measured against the anchors; far from them signs are small, and must still be right.
-    sign, _ = cg(diags(diagonal) - ties, anchor, rtol=1e-10, maxiter=3000, M=diags(1 / diagonal))
+    sign, _ = cg(diags(diagonal) - ties, anchor, rtol=1e-10, maxiter=1000, M=diags(1 / diagonal))
     return flip_segments(segments, torch.from_numpy(sign < 0).to(segments.points.device))
 
 

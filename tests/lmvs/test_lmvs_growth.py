@@ -42,6 +42,22 @@ def test_segments_run_from_root_to_tip_again(generator: torch.Generator):
     assert torch.allclose(found.points, truth.points)
 
 
+def test_what_falls_tells_what_rises_even_without_a_head(generator: torch.Generator):
+    segments, flipped = fountain(generator, strands=1000)
+    truth = flip_segments(segments, flipped)
+    rising = (truth.directions[:, 1] > 0.3).float()
+    assert rising.sum() > 1000
+
+    def right(config: GrowthConfig) -> float:
+        found = orient_segments(segments, None, None, [], config)
+        agree = ((found.directions * truth.directions).sum(-1) > 0).float()
+        return float((agree * rising).sum() / rising.sum())
+
+    assert right(GrowthConfig()) > 0.99
+    # Where gravity says more than neighbours do, what rises is turned round.
+    assert right(GrowthConfig(gravity=0.5)) < 0.5
+
+
 def test_a_stroke_overrides_and_spreads(generator: torch.Generator):
     segments, flipped = fountain(generator)
     truth = flip_segments(segments, flipped)
