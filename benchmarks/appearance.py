@@ -63,13 +63,13 @@ class Arguments:
     """The appearance texture."""
     supersample: int = 4
     """Line pixels for each image pixel, along each axis."""
-    steps: int = 4000
+    steps: int = 5000
     """Gradient steps, one region each."""
     crop: int = 160
     """Side of a region, pixels."""
-    perceptual: float = 0.04
+    perceptual: float = 0.06
     """Weight of LPIPS."""
-    perceptual_from: float = 0.6
+    perceptual_from: float = 0.5
     """Share of the steps after which LPIPS counts."""
     seed: int = 0
     """Of first weights, views and regions."""

@@ -29,8 +29,10 @@ from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
 
-SURE = 3.0
-"""Logit of the opacity that full coverage starts with, and minus that of none: 0.95 and 0.05."""
+LEAST_OPACITY, MOST_OPACITY = 0.01, 0.95
+"""Opacity that a pixel without any strand and a fully covered one start with.
+
+Where there is none, more would show as a rim about the hair, less would hardly learn to close a gap."""
 NEAR = 6
 """Within how many pixels of a strand there may be opacity; two more lead from all to none."""
 ENOUGH = 0.05
@@ -195,7 +197,8 @@ class HairModel(nn.Module):
         maps = self.splat_descriptors(strands, drawing.lines, camera, blur, volume)
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
-        alpha = torch.sigmoid(raw[..., 3] + SURE * (2 * coverage - 1)) * near_strands(coverage.detach())
+        start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
+        alpha = torch.sigmoid(raw[..., 3] + start) * near_strands(coverage.detach())
         share = area_mean(body.coverage[..., None], factor)
         behind = area_mean(body.colour, factor) + (1 - share) * self.background(camera)
         rgb = compose(raw[..., :3], alpha, behind)
