@@ -29,14 +29,10 @@ from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
 
-LEAST_OPACITY, MOST_OPACITY = 0.01, 0.95
+LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
 """Opacity that a pixel without any strand and a fully covered one start with.
 
 Where there is none, more would show as a rim about the hair, less would hardly learn to close a gap."""
-NEAR = 6
-"""Within how many pixels of a strand there may be opacity; two more lead from all to none."""
-ENOUGH = 0.05
-"""Share of a pixel that counts as a strand there."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +194,7 @@ class HairModel(nn.Module):
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
-        alpha = torch.sigmoid(raw[..., 3] + start) * near_strands(coverage.detach())
+        alpha = torch.sigmoid(raw[..., 3] + start)
         share = area_mean(body.coverage[..., None], factor)
         behind = area_mean(body.colour, factor) + (1 - share) * self.background(camera)
         rgb = compose(raw[..., :3], alpha, behind)
@@ -267,16 +263,3 @@ def filled_from_below(
         above = functional.interpolate(image[None], scale_factor=2.0, mode="bilinear")[0, :, :height, :width]
         image = features + (1 - coverage / MINIMUM_WEIGHT).clamp(min=0.0) * above
     return image
-
-
-def near_strands(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
-    """One within `NEAR` pixels of a pixel that strands were drawn on, falling to zero over two more.
-
-    Far from all hair every pixel looks the same to the network, so the opacity there is one number that a squared error
-    hardly moves once it is small; over a whole picture it shows as a veil with a clear rim about the hair.
-    """
-    # Not a threshold: whether a share of 1e-7 is drawn may hang on rounding.
-    drawn = (coverage / ENOUGH).clamp(max=1.0)[None, None]
-    for size in ((2 * NEAR + 3, 1), (1, 2 * NEAR + 3)):
-        drawn = functional.max_pool2d(drawn, size, stride=1, padding=(size[0] // 2, size[1] // 2))
-    return functional.avg_pool2d(drawn, 3, stride=1, padding=1, count_include_pad=False)[0, 0]
