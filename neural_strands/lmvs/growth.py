@@ -89,7 +89,7 @@ def orient_segments(
     ties = coo_matrix((coupling, (first, second)), shape=(count, count)).tocsr()
     ties = ties + ties.T
     diagonal = np.asarray(abs(ties).sum(axis=1)).ravel() + anchored + 1e-9
-    # The residual is measured against the anchors; far from them signs are small, and must still be right.
+    # With anchors this weak a large capture ends at the last iteration; signs settle long before values do.
     sign, _ = cg(diags(diagonal) - ties, anchor, rtol=1e-10, maxiter=1000, M=diags(1 / diagonal))
     return flip_segments(segments, torch.from_numpy(sign < 0).to(segments.points.device))
 

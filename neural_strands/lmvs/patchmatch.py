@@ -19,9 +19,8 @@ from neural_strands.lmvs import kernels
 from neural_strands.lmvs.bounds import Bounds
 from neural_strands.lmvs.features import Features, ray_angle
 from neural_strands.lmvs.orientation import gaussian_blur
+from neural_strands.lmvs.ribbon_kernels import MOST_NEIGHBOURS, MOST_SAMPLES, Patch
 
-MOST_NEIGHBOURS = 8
-"""Neighbour views that the kernels have room for."""
 CROSS = ((0, -1), (0, 1), (-1, 0), (1, 0))
 """Red-black neighbours of a pixel, in steps of the level."""
 KNIGHT = ((0, -3), (0, 3), (-3, 0), (3, 0))
@@ -48,6 +47,12 @@ class Level:
     """Largest perturbation of the depth, pixel footprints."""
     angle_range: float
     """Largest perturbation of the direction, on the unit sphere."""
+
+    def __post_init__(self) -> None:
+        """Refuse a ribbon that the kernels have no room for."""
+        samples = (2 * self.along + 1) * (2 * self.across + 1)
+        if samples > MOST_SAMPLES:
+            raise ValueError(f"a ribbon has at most {MOST_SAMPLES} samples, got {samples}: lessen `along` or `across`")
 
 
 LEVELS = (
@@ -166,7 +171,7 @@ class _Part:
 def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
     """What every kernel takes of the views, in this order."""
     count, level = len(views.texture) - 1, part.level
-    patch = kernels.Patch()
+    patch = Patch()
     patch.along, patch.across, patch.step = level.along, level.across, level.step
     patch.intensity, patch.best, patch.views = config.intensity, min(config.best, count), count
     patch.height, patch.width = views.texture.shape[1:3]

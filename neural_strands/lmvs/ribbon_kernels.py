@@ -16,12 +16,13 @@ from typing import no_type_check
 
 import warp as wp
 
-Costs = wp.types.vector(length=8, dtype=wp.float32)
-"""One for each neighbour view, of which there are eight at most."""
+MOST_NEIGHBOURS = 8
+"""Most neighbour views of a reference."""
 
 MOST_SAMPLES = 128
-"""Most samples of a ribbon, rounded up to whole vectors of eight."""
+"""Most samples of a ribbon, a multiple of eight: they go in vectors of eight."""
 
+Costs = wp.types.vector(length=MOST_NEIGHBOURS, dtype=wp.float32)
 Samples = wp.types.vector(length=MOST_SAMPLES, dtype=wp.float32)
 Places = wp.types.vector(length=MOST_SAMPLES, dtype=wp.int32)
 
@@ -85,12 +86,18 @@ def homogeneous(projection: wp.array[wp.mat44], view: int, point: wp.vec3, weigh
 
 @wp.func
 @no_type_check
+def seen_motion(image: wp.vec3, motion: wp.vec3) -> wp.vec2:
+    """Pixels that a homogeneous pixel moves by, times its squared depth, for a step whose projection is `motion`."""
+    return wp.vec2(motion[0] * image[2] - image[0] * motion[2], motion[1] * image[2] - image[1] * motion[2])
+
+
+@wp.func
+@no_type_check
 def doubled_angle(image: wp.vec3, motion: wp.vec3) -> wp.vec2:
     """Cosine and sine of twice the angle at which a line through `image` (homogeneous) with `motion` is seen."""
-    x = motion[0] * image[2] - image[0] * motion[2]
-    y = motion[1] * image[2] - image[1] * motion[2]
-    square = wp.max(x * x + y * y, 1.0e-20)
-    return wp.vec2((x * x - y * y) / square, 2.0 * x * y / square)
+    seen = seen_motion(image, motion)
+    square = wp.max(wp.dot(seen, seen), 1.0e-20)
+    return wp.vec2((seen[0] * seen[0] - seen[1] * seen[1]) / square, 2.0 * seen[0] * seen[1] / square)
 
 
 @wp.func
@@ -110,9 +117,7 @@ def inside(image: wp.vec3, patch: Patch) -> bool:
 @no_type_check
 def metres_a_pixel(image: wp.vec3, motion: wp.vec3, footprint: float) -> float:
     """How far along a line a pixel goes; a line seen end-on would go on for ever, so twice the footprint at most."""
-    u = motion[0] * image[2] - image[0] * motion[2]
-    v = motion[1] * image[2] - image[1] * motion[2]
-    speed = wp.length(wp.vec2(u, v)) / (image[2] * image[2])
+    speed = wp.length(seen_motion(image, motion)) / (image[2] * image[2])
     return wp.min(1.0 / wp.max(speed, 1.0e-9), 2.0 * footprint)
 
 
@@ -148,7 +153,7 @@ def line_cost(
     across = wp.normalize(wp.cross(normal, direction)) * (patch.step * footprint)
     wide = float(2 * patch.across + 1)
     samples = (2 * patch.across + 1) * (2 * patch.along + 1)
-    padded = (samples + 7) / 8 * 8
+    padded = (samples + 7) // 8 * 8
     count = float(samples)
     width = float(patch.width)
     height = float(patch.height)
@@ -187,28 +192,28 @@ def line_cost(
         found = float(1.0)
         if j == 0 or outside == 0:
             line = doubled_angle(origin, run)
-            mean = wp.vec4()
+            sums = wp.vec4()
             squares = float(0.0)
             products = float(0.0)
             s = wp.int32(0)
             while s < samples:
                 # The compiler learns that no index is negative: Warp counts those from the array's end.
                 value = blend(texture, wp.max(places[s], 0), patch.width, right[s], down[s])
-                mean += value
+                sums += value
                 squares += value[3] * value[3]
                 products += value[3] * reference[s]
                 reference[s] = wp.where(j == 0, value[3], reference[s])
                 s += 1
-            angle = 0.5 * (mean[2] - mean[0] * line[0] - mean[1] * line[1])
-            variance_j = variance(mean[3], squares, count)
+            angle = 0.5 * (sums[2] - sums[0] * line[0] - sums[1] * line[1])
+            variance_j = variance(sums[3], squares, count)
             if j == 0:
-                total = share * angle / wp.max(mean[2], 1.0e-4)
-                sum_r = mean[3]
+                total = share * angle / wp.max(sums[2], 1.0e-4)
+                sum_r = sums[3]
                 variance_r = variance_j
             else:
-                covariance = products / count - mean[3] * sum_r / (count * count)
+                covariance = products / count - sums[3] * sum_r / (count * count)
                 ncc = wp.clamp(covariance / wp.sqrt(variance_r * variance_j), -1.0, 1.0)
-                geometric = wp.where(mean[2] > 1.0e-3 * count, angle / mean[2], 0.5)
+                geometric = wp.where(sums[2] > 1.0e-3 * count, angle / sums[2], 0.5)
                 found = share * geometric + patch.intensity * 0.5 * (1.0 - ncc)
         if j > 0:
             # The worst so far are kept back, and in the end left out: the sum of the others only grows.

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
@@ -26,7 +27,6 @@ def test_npz_comes_back(tmp_path: Path, segments: LineSegments):
 
 
 def test_trimesh_reads_the_ply(tmp_path: Path, segments: LineSegments):
-    trimesh = pytest.importorskip("trimesh")
     save_segments(tmp_path / "a.ply", segments)
     loaded = trimesh.load(tmp_path / "a.ply", process=False)
     assert np.allclose(loaded.vertices, segments.points.numpy(), atol=1e-6)

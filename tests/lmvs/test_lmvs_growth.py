@@ -1,7 +1,7 @@
 """Growth direction: hair of known direction, shuffled, comes back root first."""
 
-import pytest
 import torch
+import trimesh
 
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -9,7 +9,6 @@ from neural_strands.lmvs.growth import GrowthConfig, flip_segments, orient_segme
 
 
 def sphere(radius: float = 0.1) -> Mesh:
-    trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(subdivisions=3, radius=radius)
     return Mesh(torch.tensor(ball.vertices).float(), torch.tensor(ball.faces).long())
 

@@ -1,7 +1,9 @@
 """The kernels are held to their twins in plain torch."""
 
 import math
+from dataclasses import replace
 
+import pytest
 import torch
 import warp as wp
 
@@ -10,6 +12,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs import kernels
 from neural_strands.lmvs.chains import mean_shift
 from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.patchmatch import LEVELS
 from neural_strands.lmvs.reference import line_cost_reference, mean_line_reference
 
 
@@ -66,6 +69,11 @@ def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device)
         assert torch.equal(limited[within], cost[within])
         assert (limited[~within] > limit).all()
     assert (limited < 0.9 * cost).all()
+
+
+def test_a_ribbon_too_large_for_the_kernels_is_refused():
+    with pytest.raises(ValueError, match="at most 128 samples, got 135"):
+        replace(LEVELS[0], along=13, across=2)
 
 
 def test_mean_shift_is_its_twin(generator: torch.Generator):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+import trimesh
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
@@ -118,7 +119,6 @@ def test_a_camera_in_another_unit_is_named(generator: torch.Generator, caplog: p
 def test_a_camera_inside_the_head_and_a_head_of_another_scale(
     generator: torch.Generator, caplog: pytest.LogCaptureFixture
 ):
-    trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(subdivisions=2, radius=RADIUS)
     head = Mesh(torch.tensor(ball.vertices).float(), torch.tensor(ball.faces).long())
     views = views_of(ring()[:2])
