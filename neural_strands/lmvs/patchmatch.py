@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels as launches
-from neural_strands.lmvs import kernels
+from neural_strands.lmvs import patchmatch_kernels
 from neural_strands.lmvs.bounds import Bounds
 from neural_strands.lmvs.features import Features, ray_angle
 from neural_strands.lmvs.orientation import gaussian_blur
@@ -192,7 +192,7 @@ def _surface(
     rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
     limits = [launches.array(part.bounds.near), launches.array(part.bounds.far), launches.array(offset)]
     inputs = [*rays, *limits, part.angle, *_scene(views, part, config), launches.array(cost)]
-    launches.launch_split(kernels.sweep, len(part.ray), inputs, part.ray.device)
+    launches.launch_split(patchmatch_kernels.sweep, len(part.ray), inputs, part.ray.device)
     cell = torch.div(part.pixel, part.level.stride, rounding_mode="floor")
     cell = cell - cell.amin(dim=0)
     width, height = (cell.amax(dim=0) + 1).tolist()
@@ -215,7 +215,7 @@ def _looked(
     direction = torch.zeros_like(part.ray)
     outputs = [launches.array(depth), launches.array(direction, wp.vec3)]
     inputs = [launches.array(part.ray, wp.vec3), *_scene(views, part, config), *outputs]
-    launches.launch_split(kernels.look, len(part.ray), inputs, part.ray.device)
+    launches.launch_split(patchmatch_kernels.look, len(part.ray), inputs, part.ray.device)
     return direction
 
 
@@ -248,7 +248,7 @@ def _improve(
                 *_scene(views, part, config),
                 *results,
             ]
-            launches.launch_split(kernels.improve, len(colour), inputs, part.ray.device)
+            launches.launch_split(patchmatch_kernels.improve, len(colour), inputs, part.ray.device)
 
 
 def _stack(features: Sequence[Features]) -> _Stack:

@@ -8,10 +8,11 @@ import warp as wp
 from neural_strands.foundation import kernels as launches
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs import kernels
+from neural_strands.lmvs import patchmatch_kernels
 from neural_strands.lmvs.bounds import NOTHING, Hull, Region, head_distance, ray_bounds, warp_mesh
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.ribbon_kernels import Patch
 
 SIZE = (48, 40)
 
@@ -35,7 +36,7 @@ def test_directions_that_all_views_see_are_found(generator: torch.Generator):
             angle = math.atan2(float(ends[1, 1] - ends[0, 1]), float(ends[1, 0] - ends[0, 0]))
             texture[i, :, :] = torch.tensor([math.cos(2 * angle), math.sin(2 * angle), 1.0, 0.5])
             projection[i, :3] = camera.intrinsics @ camera.world_to_camera[:3]
-        patch = kernels.Patch()
+        patch = Patch()
         patch.views, patch.width, patch.height = len(cameras) - 1, *SIZE
         offset = point - cameras[0].position
         found = torch.zeros(1, 3)
@@ -49,7 +50,7 @@ def test_directions_that_all_views_see_are_found(generator: torch.Generator):
             launches.array(offset.norm()[None]),
             launches.array(found, wp.vec3),
         ]
-        launches.launch_split(kernels.look, 1, inputs, "cpu")
+        launches.launch_split(patchmatch_kernels.look, 1, inputs, "cpu")
         # A little weight pulls the line across the ray: a few degrees at most.
         assert abs(float(found[0] @ line)) > math.cos(math.radians(4))
 

@@ -9,11 +9,12 @@ import warp as wp
 
 from neural_strands.foundation import kernels as launches
 from neural_strands.geometry.cameras import Camera
-from neural_strands.lmvs import kernels
+from neural_strands.lmvs import patchmatch_kernels
 from neural_strands.lmvs.chains import mean_shift
 from neural_strands.lmvs.consistency import OrientedPoints
 from neural_strands.lmvs.patchmatch import LEVELS
 from neural_strands.lmvs.reference import line_cost_reference, mean_line_reference
+from neural_strands.lmvs.ribbon_kernels import Patch
 
 
 def unit(*shape: int, generator: torch.Generator) -> torch.Tensor:
@@ -45,7 +46,7 @@ def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device)
     point = torch.randn(count, 3, generator=generator) * 0.06
     direction, normal = unit(count, generator=generator), unit(count, generator=generator)
     footprint = torch.full((count,), 1.0 / 80)
-    patch = kernels.Patch()
+    patch = Patch()
     patch.along, patch.across, patch.step = 3, 1, 1.5
     patch.intensity, patch.best, patch.views, patch.height, patch.width = 0.4, 2, 3, 40, 48
     cost = torch.zeros(count, device=device)
@@ -57,14 +58,16 @@ def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device)
         launches.array(projection.to(device), wp.mat44),
         patch,
     ]
-    launches.launch_split(kernels.evaluate, count, [*inputs, kernels.UNLIMITED, launches.array(cost)], device)
+    launches.launch_split(
+        patchmatch_kernels.evaluate, count, [*inputs, patchmatch_kernels.UNLIMITED, launches.array(cost)], device
+    )
     expected = line_cost_reference(texture, projection, point, direction, normal, footprint, patch)
     assert torch.allclose(cost.cpu(), expected, atol=2e-3)
     assert cost.std() > 0.01
     # Within a limit a line costs the same; beyond it, it is only known to cost more.
     for limit in (float(cost.median()), 0.3 * float(cost.min())):
         limited = torch.zeros_like(cost)
-        launches.launch_split(kernels.evaluate, count, [*inputs, limit, launches.array(limited)], device)
+        launches.launch_split(patchmatch_kernels.evaluate, count, [*inputs, limit, launches.array(limited)], device)
         within = cost <= limit
         assert torch.equal(limited[within], cost[within])
         assert (limited[~within] > limit).all()
