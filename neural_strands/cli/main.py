@@ -8,6 +8,7 @@ from typing import Protocol
 import tyro
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.memory import keep_freed_memory
 
 COMMANDS = {
     "info": "neural_strands.cli.info:Info",
@@ -37,6 +38,7 @@ class Command(Protocol):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status: 0 done, 2 bad input."""
+    keep_freed_memory()
     words = list(sys.argv[1:] if arguments is None else arguments)
     named = words[0] if words and words[0] in COMMANDS else None
     commands = {name: _load(COMMANDS[name]) for name in COMMANDS if named in (None, name)}

@@ -7,11 +7,11 @@ with both: the mean of its neighbours, with the segments' directions fixed and t
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.flow.grid import VoxelGrid
+from neural_strands.flow.grid import VoxelGrid, face_neighbours
 from neural_strands.geometry.line_segments import LineSegments
 
 
@@ -77,7 +77,7 @@ def diffuse_directions(
     domain = domain | fixed | pulled
     start = pull_push(shell, fixed.to(shell))
     cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
-    neighbours = _neighbours(domain)
+    neighbours = face_neighbours(domain)
     value, known, normals = (volume.reshape(3, -1).T[cells] for volume in (start, shell, normal))
     is_fixed, is_pulled = (mask.reshape(-1)[cells, None] for mask in (fixed, pulled))
     value = functional.normalize(value, dim=-1)
@@ -108,17 +108,6 @@ def pull_push(values: Float[Tensor, "channel x y z"], weight: Float[Tensor, "x y
     filled = functional.interpolate(coarse[None], scale_factor=2.0, mode="trilinear", align_corners=False)[0]
     filled = filled[:, : weight.shape[0], : weight.shape[1], : weight.shape[2]]
     return values * known + filled * (1 - known)
-
-
-def _neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
-    """Which voxels of the domain share a face with each of its voxels; their count stands for none."""
-    count = int(domain.sum())
-    number = torch.full([size + 2 for size in domain.shape], count, device=domain.device)
-    number[1:-1, 1:-1, 1:-1][domain] = torch.arange(count, device=domain.device)
-    place = torch.nonzero(domain) + 1
-    offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
-    beside = place[:, None] + offsets
-    return number[beside[..., 0], beside[..., 1], beside[..., 2]]
 
 
 def _average(

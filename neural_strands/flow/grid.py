@@ -73,3 +73,14 @@ class VoxelGrid:
         grid = unit.flip(-1)[None, None, None]
         values = torch.nn.functional.grid_sample(volume[None], grid, padding_mode="border", align_corners=False)
         return values[0, :, 0, 0].T
+
+
+def face_neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
+    """The domain's voxel behind each face (+x, +y, +z, -x, -y, -z) of its voxels, numbered; their count for none."""
+    count = int(domain.sum())
+    number = torch.full([size + 2 for size in domain.shape], count, device=domain.device)
+    number[1:-1, 1:-1, 1:-1][domain] = torch.arange(count, device=domain.device)
+    place = torch.nonzero(domain) + 1
+    offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
+    beside = place[:, None] + offsets
+    return number[beside[..., 0], beside[..., 1], beside[..., 2]]

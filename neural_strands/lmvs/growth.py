@@ -33,7 +33,7 @@ class GrowthConfig:
     """Neighbours of a larger angle say nothing, degrees."""
     scalp_reach: float = 0.03
     """How far from the head its pull falls to 1/e, as a share of the head's size."""
-    scalp: float = 3e-5
+    scalp: float = 3e-4
     """Pull to point away from the head, where a tie between two segments has up to 1.
 
     This and the next are so small that neighbours alone decide who points with whom, and these which of its two signs

@@ -231,26 +231,28 @@ class HairModel(nn.Module):
 
     def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
         """Colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""
+        # Channels last from the start, as convolutions want them.
         pyramid = [
-            torch.cat([level_map.features, self._pixel_channels(level_map, camera, level)])[None]
+            torch.cat([level_map.features.permute(1, 2, 0), *self._pixel_channels(level_map, camera, level)], dim=2)
             for level, level_map in enumerate(maps)
         ]
         device = self.root_uv.device.type
         half = self.config.mixed_precision and device == "cuda"
         with torch.autocast(device, torch.bfloat16, enabled=half):
-            raw = self.unet(pyramid)
+            raw = self.unet([values.permute(2, 0, 1)[None] for values in pyramid])
         shaded = filled_from_below([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
         return raw[0].permute(1, 2, 0).float() + functional.pad(shaded.permute(1, 2, 0), (0, 1))
 
-    def _pixel_channels(self, level_map: SplatMap, camera: Camera, level: int) -> Float[Tensor, "4 h w"]:
+    def _pixel_channels(
+        self, level_map: SplatMap, camera: Camera, level: int
+    ) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
         """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""
         height, width = level_map.coverage.shape
         row = (torch.arange(height, device=camera.intrinsics.device) + 0.5) * 2**level
         column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
         centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
-        rays = camera.rays(centres).permute(2, 0, 1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
-        return torch.cat([rays, share.clamp(max=1.0)[None]])
+        return camera.rays(centres), share.clamp(max=1.0)[..., None]
 
 
 def filled_from_below(

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from neural_strands.flow.field import FlowConfig
 from neural_strands.model.hair_model import HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
@@ -113,16 +112,7 @@ def preset(name: Preset) -> FitConfig:
         unet=UNetConfig(widths=(12, 24, 32)),
     )
     configs = {
-        # Segments of so few and small photographs lie far apart: directions must reach farther between them.
-        "demo": FitConfig(
-            steps=400,
-            strands=6000,
-            strands_per_step=2000,
-            step_points=40,
-            crop=128,
-            initial=InitialConfig(flow=FlowConfig(spacing=0.003, iterations=200, least_confidence=0.0)),
-            model=small,
-        ),
+        "demo": FitConfig(steps=400, strands=6000, strands_per_step=2000, step_points=40, crop=128, model=small),
         "fast": FitConfig(),
         "paper": replace(
             FitConfig(),

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions
 from neural_strands.flow.grid import VoxelGrid
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
@@ -26,6 +27,8 @@ class InitialConfig:
 
     flow: FlowConfig = field(default_factory=FlowConfig)
     """The volume of growth directions."""
+    conservation: ConservationConfig = field(default_factory=ConservationConfig)
+    """How it is made to fill the hair."""
     hull: HullConfig = field(default_factory=HullConfig)
     """Where hair can be."""
     trace: TraceConfig = field(default_factory=TraceConfig)
@@ -40,7 +43,8 @@ def hair_flow(segments: LineSegments, views: MaskedViews, head: Mesh, roots: Roo
         domain = hair_hull(grid, views, head, config.hull)
     else:
         domain = covered_volume(grid, segments.points, head, config.hull)
-    return diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow)
+    smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow)
+    return conserve(smooth, roots.position, roots.normal, config.hull.head_depth, config.conservation)
 
 
 def flow_latents(

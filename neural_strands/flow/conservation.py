@@ -1,0 +1,173 @@
+"""Directions that conserve hair: as much flows into every place as out of it.
+
+Streamlines of directions that are only smooth crowd near the scalp and leave the outer half of the hair empty. Hair
+itself cannot: strands come out of the scalp, and each takes room until its tip. So the volume is taken as a steady
+flow without divergence, in through the scalp, out where it leaves the volume lengthways, along the hull elsewhere.
+How fast it runs, which is how densely hair lies, is free; its directions stay as near as may be to those given.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+from torch.nn import functional
+
+from neural_strands.flow.field import FlowField
+from neural_strands.flow.grid import VoxelGrid, face_neighbours
+
+
+@dataclass(frozen=True)
+class ConservationConfig:
+    """The alternating projections and their solver."""
+
+    rounds: int = 4
+    """Projections: onto flows without divergence and, between two, onto the directions given; 0 leaves them alone."""
+    least_speed: float = 0.2
+    """Speed that the second projection leaves at least, as a share of the mean: a flow that stands has no direction."""
+    most_speed: float = 5.0
+    """Speed that it leaves at most."""
+    way_out: float = 0.5
+    """Hair leaves the volume where the cosine between its direction and the way out exceeds this."""
+    tolerance: float = 0.01
+    """Divergence at which a projection ends, as a share of the first one's."""
+    iterations: int = 400
+    """Most steps of conjugate gradients in a projection."""
+
+
+@dataclass(frozen=True)
+class FlowCells:
+    """The voxels of the domain, numbered, and their faces in the order +x, +y, +z, -x, -y, -z.
+
+    Attributes:
+        neighbours: cell behind each face; the number of cells where there is none.
+        open: faces without a neighbour that hair passes: to the scalp, or out of the volume.
+    """
+
+    neighbours: Int64[Tensor, "cell 6"]
+    open: Bool[Tensor, "cell 6"]
+
+    @property
+    def linked(self) -> Bool[Tensor, "cell 6"]:
+        """Faces that flow can pass."""
+        return self.open | (self.neighbours < len(self.neighbours))
+
+
+def conserve(
+    field: FlowField,
+    scalp_points: Float[Tensor, "root 3"],
+    scalp_normals: Float[Tensor, "root 3"],
+    depth: float,
+    config: ConservationConfig | None = None,
+) -> FlowField:
+    """Turn the directions of a field as little as lets hair fill its domain from the scalp.
+
+    Args:
+        field: directions, all unit, and where there is hair.
+        scalp_points: a dense sample of the scalp.
+        scalp_normals: its outward normals.
+        depth: how far below the scalp the domain reaches, metres.
+        config: weights and limits.
+    """
+    config = config or ConservationConfig()
+    if config.rounds == 0 or not bool(field.domain.any()):
+        return field
+    number = torch.nonzero(field.domain.reshape(-1)).squeeze(1)
+    given = functional.normalize(field.directions.reshape(3, -1).T[number], dim=1)
+    scalp = under_scalp(field.grid, scalp_points, scalp_normals, depth) & ~field.domain
+    cells = flow_cells(field.domain, scalp, given, config.way_out)
+    flow, enough = given, 0.0
+    for turn in range(config.rounds):
+        if turn:
+            speed = (flow * given).sum(dim=1)
+            speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
+            flow = speed[:, None] * given
+        faces = face_flow(flow, cells)
+        enough = enough or config.tolerance * float(faces.sum(dim=1).norm())
+        faces = without_divergence(faces, cells, enough, config.iterations)
+        flow = 0.5 * (faces[:, :3] - faces[:, 3:])
+    kept = torch.where(flow.norm(dim=1, keepdim=True) > 1e-6, functional.normalize(flow, dim=1), given)
+    directions = field.directions.reshape(3, -1).index_copy(1, number, kept.T).reshape_as(field.directions)
+    return FlowField(field.grid, directions, field.domain)
+
+
+def under_scalp(
+    grid: VoxelGrid, points: Float[Tensor, "root 3"], normals: Float[Tensor, "root 3"], depth: float
+) -> Bool[Tensor, "x y z"]:
+    """Voxels about the scalp, down to two voxels below the depth at which hair's domain ends."""
+    marked = torch.zeros(grid.count, dtype=torch.bool, device=points.device)
+    for below in torch.arange(0.0, depth + 2 * grid.spacing, 0.5 * grid.spacing).tolist():
+        index, inside = grid.index(points - below * normals)
+        marked[index[inside]] = True
+    # Roots are a voxel or two apart.
+    wide = functional.max_pool3d(marked.reshape(1, 1, *grid.shape).float(), 3, stride=1, padding=1)
+    return wide[0, 0] > 0
+
+
+def flow_cells(
+    domain: Bool[Tensor, "x y z"],
+    scalp: Bool[Tensor, "x y z"],
+    directions: Float[Tensor, "cell 3"],
+    way_out: float,
+) -> FlowCells:
+    """Number the domain's voxels and find the faces that hair passes.
+
+    Args:
+        domain: where there is hair.
+        scalp: voxels outside the domain that hair comes from.
+        directions: unit directions of the domain's voxels.
+        way_out: cosine with a face's outward normal beyond which hair leaves through it.
+    """
+    neighbours = face_neighbours(domain)
+    outside = neighbours == len(neighbours)
+    place = torch.nonzero(domain) + 1
+    padded = functional.pad(scalp, (1, 1, 1, 1, 1, 1))
+    offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
+    behind = place[:, None] + offsets
+    from_scalp = padded[behind[..., 0], behind[..., 1], behind[..., 2]]
+    outward = torch.cat([directions, -directions], dim=1)
+    return FlowCells(neighbours, outside & (from_scalp | (outward > way_out)))
+
+
+def face_flow(flow: Float[Tensor, "cell 3"], cells: FlowCells) -> Float[Tensor, "cell 6"]:
+    """Outward flow through the faces of cells: the mean of both sides, none through closed ones."""
+    outward = torch.cat([flow, -flow], dim=1)
+    beyond = torch.cat([outward, outward.new_zeros(1, 6)]).gather(0, cells.neighbours)
+    inner = cells.neighbours < len(flow)
+    return torch.where(inner, 0.5 * (outward + beyond), outward * cells.open)
+
+
+def without_divergence(
+    faces: Float[Tensor, "cell 6"], cells: FlowCells, enough: float, iterations: int
+) -> Float[Tensor, "cell 6"]:
+    """The nearest flow through faces whose sum over every cell is nought (Helmholtz's projection).
+
+    Solves Poisson's equation for a pressure, zero beyond open faces, by conjugate gradients (Jacobi preconditioned),
+    and takes its differences from the flow.
+
+    Args:
+        faces: outward flow, the same with opposite sign on both sides of a face.
+        cells: neighbours and open faces.
+        enough: norm of the divergence at which to stop.
+        iterations: steps after which to stop.
+    """
+    linked = cells.linked
+    degree = linked.sum(dim=1).to(faces)
+    inverse = torch.where(degree > 0, 1 / degree.clamp(min=1), torch.zeros_like(degree))
+
+    def behind(pressure: Float[Tensor, " cell"]) -> Float[Tensor, "cell 6"]:
+        return torch.cat([pressure, pressure.new_zeros(1)])[cells.neighbours]
+
+    pressure = torch.zeros_like(degree)
+    residual = torch.where(degree > 0, -faces.sum(dim=1), torch.zeros_like(degree))
+    step = inverse * residual
+    product = residual @ step
+    for _ in range(iterations):
+        if not float(residual.norm()) > enough:
+            break
+        applied = degree * step - behind(step).sum(dim=1)
+        length = product / (step @ applied)
+        pressure, residual = pressure + length * step, residual - length * applied
+        before, product = product, residual @ (inverse * residual)
+        step = inverse * residual + (product / before) * step
+    return faces + (pressure[:, None] - behind(pressure)) * linked

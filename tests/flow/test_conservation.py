@@ -1,0 +1,150 @@
+"""Flows that conserve hair against a dense least-squares solve, and strands against room that they have to fill."""
+
+import torch
+
+from neural_strands.flow.conservation import (
+    ConservationConfig,
+    FlowCells,
+    conserve,
+    face_flow,
+    flow_cells,
+    under_scalp,
+    without_divergence,
+)
+from neural_strands.flow.field import FlowField
+from neural_strands.flow.grid import VoxelGrid
+from neural_strands.flow.tracing import TraceConfig, trace_strands
+
+UP = torch.tensor([0.0, 1.0, 0.0])
+
+
+def ragged(generator: torch.Generator) -> tuple[FlowCells, torch.Tensor]:
+    domain = torch.rand(5, 4, 4, generator=generator) > 0.25
+    scalp = torch.zeros_like(domain)
+    scalp[:, 0] = True
+    directions = torch.nn.functional.normalize(torch.randn(int(domain.sum()), 3, generator=generator), dim=1)
+    return flow_cells(domain, scalp & ~domain, directions, 0.5), directions
+
+
+def over_flat_scalp(shape: tuple[int, int, int]) -> tuple[VoxelGrid, torch.Tensor, torch.Tensor]:
+    """A full box of unit voxels over a layer that is scalp, and roots on the border between them."""
+    width, height, depth = shape
+    grid = VoxelGrid(torch.tensor([0.0, -1.0, 0.0]), 1.0, (width, height + 1, depth))
+    domain = torch.ones(grid.shape, dtype=torch.bool)
+    domain[:, 0] = False
+    x, z = torch.meshgrid(torch.arange(width) + 0.5, torch.arange(depth) + 0.5, indexing="ij")
+    return grid, domain, torch.stack([x, torch.full_like(x, -0.01), z], dim=-1).reshape(-1, 3)
+
+
+def free_flows(cells: FlowCells) -> torch.Tensor:
+    """Unit flows through one face each, faces between cells once: a basis of all flows, (face, cell, 6)."""
+    count, basis = len(cells.neighbours), []
+    for cell in range(count):
+        for face in range(6):
+            other = int(cells.neighbours[cell, face])
+            one = torch.zeros(count, 6, dtype=torch.float64)
+            one[cell, face] = 1.0
+            if other < count:
+                one[other, (face + 3) % 6] = -1.0
+            if bool(cells.open[cell, face]) or (other < count and face < 3):
+                basis.append(one)
+    return torch.stack(basis)
+
+
+def test_flow_through_faces_is_the_mean_of_both_sides_and_none_through_walls(generator):
+    cells, directions = ragged(generator)
+    faces = face_flow(directions, cells)
+    for cell in range(len(directions)):
+        for face in range(6):
+            axis, sign = face % 3, 1.0 if face < 3 else -1.0
+            other = int(cells.neighbours[cell, face])
+            own = sign * directions[cell, axis]
+            if other < len(directions):
+                expected = 0.5 * (own + sign * directions[other, axis])
+            else:
+                expected = own if bool(cells.open[cell, face]) else torch.tensor(0.0)
+            torch.testing.assert_close(faces[cell, face], expected)
+
+
+def test_projection_is_the_nearest_flow_without_divergence(generator):
+    cells, directions = ragged(generator)
+    faces = face_flow(directions.double(), cells)
+    ours = without_divergence(faces, cells, 1e-10, 500)
+    closed = cells.linked.sum(dim=1) == 0
+    assert float(ours.sum(dim=1)[~closed].abs().max()) < 1e-8
+    # Independent: minimise the distance within the null space of the divergence.
+    basis = free_flows(cells)
+    kept = basis.flatten(1).norm(dim=1) > 0
+    basis = basis[kept]
+    amounts = torch.linalg.lstsq(basis.flatten(1).T, faces.flatten()[:, None]).solution[:, 0]
+    # Faces between cells appear twice in a flow, open ones once; the projection weighs every face once.
+    divergence = basis.sum(dim=2).T
+    change = torch.linalg.pinv(divergence) @ (divergence @ amounts)
+    expected = torch.einsum("f,fck->ck", amounts - change, basis)
+    torch.testing.assert_close(ours, expected, atol=1e-7, rtol=0)
+
+
+def test_a_flow_that_conserves_hair_already_is_left_alone():
+    grid, domain, roots = over_flat_scalp((4, 8, 4))
+    field = FlowField(grid, UP[:, None, None, None].expand(3, *grid.shape).contiguous(), domain)
+    # Both ends are open: the way out is along the direction, and the way in is by the scalp.
+    kept = conserve(field, roots, UP.expand(len(roots), 3), 0.0)
+    torch.testing.assert_close(kept.directions, field.directions, atol=1e-5, rtol=0)
+
+
+def test_strands_from_a_scalp_fill_the_room_above_it():
+    # A slab of hair, 12 mm high, over a flat scalp; all of it points along the scalp, but for a little lift.
+    spacing = 0.001
+    grid = VoxelGrid(torch.tensor([0.0, -0.002, 0.0]), spacing, (80, 16, 8))
+    centres = grid.centres()
+    domain = (centres[..., 1] > 0) & (centres[..., 1] < 0.012) & (centres[..., 0] > 0.002)
+    along = torch.nn.functional.normalize(torch.tensor([1.0, 0.05, 0.0]), dim=0)
+    field = FlowField(grid, along[:, None, None, None].expand(3, *grid.shape).contiguous(), domain)
+    x, z = torch.meshgrid(torch.arange(0.003, 0.06, 0.001), torch.arange(0.0005, 0.008, 0.001), indexing="ij")
+    roots = torch.stack([x, torch.full_like(x, 1e-4), z], dim=-1).reshape(-1, 3)
+    normals = UP.expand(len(roots), 3)
+    trace = TraceConfig(step=0.0005, longest=0.1, shortest=0.001, grace=0.001, points=60)
+
+    def heights(flow: FlowField) -> torch.Tensor:
+        strands = trace_strands(flow, roots, normals, trace)
+        points = strands[(strands[..., 0] > 0.065) & (strands[..., 0] < 0.075)]
+        return points[:, 1]
+
+    def upper_half(rounds: int) -> float:
+        filled = conserve(field, roots, normals, 0.0, ConservationConfig(rounds=rounds))
+        return float((heights(filled) > 0.006).float().mean())
+
+    # The more rounds, the evener: half of the strands belong into the upper half of the room.
+    assert upper_half(0) == 0.0
+    assert upper_half(0) < upper_half(1) < upper_half(4) < upper_half(12)
+    assert 0.3 < upper_half(12) < 0.6
+
+
+def test_directions_turn_less_when_speed_is_free(generator):
+    grid, domain, roots = over_flat_scalp((12, 6, 12))
+    centres = grid.centres() - torch.tensor([6.0, -2.0, 6.0])
+    directions = torch.nn.functional.normalize(centres, dim=-1).permute(3, 0, 1, 2).contiguous()
+    field = FlowField(grid, directions, domain)
+
+    def turned(rounds: int) -> float:
+        config = ConservationConfig(rounds=rounds)
+        kept = conserve(field, roots, UP.expand(len(roots), 3), 0.0, config).directions
+        return float((kept - directions).square().sum(dim=0).mean())
+
+    assert turned(0) == 0.0
+    assert turned(6) < 0.6 * turned(1)
+
+
+def test_voxels_under_the_scalp_reach_below_the_domain():
+    grid = VoxelGrid(torch.zeros(3), 1.0, (5, 8, 5))
+    marked = under_scalp(grid, torch.tensor([[2.5, 6.5, 2.5]]), UP[None], 1.0)
+    column = marked[2, :, 2]
+    # From the root, in voxel 6, to 2.5 below it, and one voxel about that.
+    assert column.tolist() == [False, False, False, True, True, True, True, True]
+    assert not bool(marked[0].any() or marked[:, :, 4].any())
+
+
+def test_an_empty_domain_stays_as_it_is():
+    grid = VoxelGrid(torch.zeros(3), 1.0, (3, 3, 3))
+    field = FlowField(grid, torch.ones(3, 3, 3, 3), torch.zeros(3, 3, 3) > 0)
+    assert conserve(field, torch.zeros(1, 3), UP[None], 0.0) is field
