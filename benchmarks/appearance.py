@@ -22,6 +22,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
+from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
@@ -166,6 +167,7 @@ def summary(rows: list[list[float]]) -> dict[str, float]:
 
 def main(arguments: Arguments) -> None:
     """Fit, score, and print one JSON object."""
+    keep_freed_memory()  # as the command line does
     capture, config = Capture.load(arguments.capture), arguments.config()
     if capture.ground_truth is None or capture.head is None or capture.scalp_faces is None:
         sys.exit(f"{arguments.capture}: expected head.obj, scalp_faces.json and ground_truth.npz")

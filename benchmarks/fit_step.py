@@ -17,6 +17,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.evaluation.timing import Timing, time_function
+from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
 from neural_strands.prior.vae import load_prior
@@ -97,6 +98,7 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
 
 def main() -> None:
     """Print the table."""
+    keep_freed_memory()  # as the command line does
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--preset", choices=("demo", "fast", "paper"), default="fast")
     parser.add_argument("--device", default="cpu")

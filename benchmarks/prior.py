@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import torch
 
+from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.prior.vae import load_prior
 
 
@@ -57,6 +58,7 @@ def measured(device: torch.device, strands: int, repeats: int) -> dict[str, floa
 
 
 def main() -> None:
+    keep_freed_memory()  # as the command line does
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--threads", type=int, default=2)

@@ -17,6 +17,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.evaluation.timing import peak_memory, time_function
+from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh
@@ -127,6 +128,7 @@ def view(model: HairModel, side: int) -> Camera:
 
 def main(arguments: Arguments) -> None:
     """Measure and print one JSON object."""
+    keep_freed_memory()  # as the command line does
     device = pick_device(arguments.device)
     on_gpu = device.type == "cuda"
     strands = arguments.strands or (30_000 if on_gpu else 10_000)
