@@ -18,7 +18,7 @@ from neural_strands.raster.triangles import rasterise_triangles
 class HullConfig:
     """How strictly a view may declare a voxel empty."""
 
-    mask_threshold: float = 0.1
+    mask_threshold: float = 0.2
     """A pixel whose hair coverage is below this, with all its neighbours, shows no hair."""
     mask_margin: float = 0.0015
     """Metres by which the masks are widened, for calibration errors and stray hairs."""
