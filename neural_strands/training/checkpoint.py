@@ -23,6 +23,7 @@ def save_checkpoint(state: FitState, path: Path) -> None:
         "optimiser": state.optimiser.state_dict(),
         "remembered": state.remembered,
         "drawn": state.drawn,
+        "first": state.first,
         "step": state.step,
     }
     if (name := _not_finite(content)) is not None:
@@ -49,6 +50,7 @@ def load_checkpoint(state: FitState, path: Path) -> None:
             raise KeyError(f"weights {[*unexpected, *missing][:3]} do not fit")
         state.optimiser.load_state_dict(content["optimiser"])
         state.remembered, state.drawn = content["remembered"].to(device), content["drawn"].to(device)
+        state.first = content["first"].to(device)
         state.step = int(content["step"])
     except (KeyError, ValueError, RuntimeError, EOFError, OSError, UnpicklingError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
@@ -64,6 +66,6 @@ def _not_finite(content: dict[str, Any]) -> str | None:
         for of_one in content["optimiser"]["state"].values()
         for name, value in of_one.items()
     ]
-    strands = [(name, content[name]) for name in ("remembered", "drawn")]
+    strands = [(name, content[name]) for name in ("remembered", "drawn", "first")]
     parts = [*content["model"].items(), *moments, *strands]
     return next((name for name, value in parts if value.is_floating_point() and not value.isfinite().all()), None)

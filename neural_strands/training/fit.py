@@ -39,6 +39,7 @@ class FitState:
         optimiser: Adam over everything that is learned.
         remembered: all strands as they were last decoded, `step_points` each.
         drawn: all strands as images see them, `model.points` each.
+        first: all strands as they began, `step_points` each.
         step: how many steps are done.
     """
 
@@ -46,6 +47,7 @@ class FitState:
     optimiser: torch.optim.Adam
     remembered: Float[Tensor, "root point 3"]
     drawn: Float[Tensor, "root drawn_point 3"]
+    first: Float[Tensor, "root point 3"]
     step: int = 0
 
 
@@ -65,7 +67,8 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
     # Texels that only a few pixels see have gradients far below Adam's usual epsilon.
     optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
     with torch.no_grad():
-        return FitState(model, optimiser, model.decode(config.step_points).points, model.decode().points)
+        first = model.decode(config.step_points).points
+        return FitState(model, optimiser, first.clone(), model.decode().points, first)
 
 
 def fit(
@@ -138,11 +141,14 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     blur = blur_width(state.step, config.steps, config.schedule)
     released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
     strands = decode_some(model, index, config.step_points, blur, released)
-    losses = shape_losses(strands, index, state.remembered, data, chosen, config)
-    total = config.weights.geometry * (losses.surface + losses.coverage) + config.weights.head * losses.head
+    losses = shape_losses(strands, index, state.remembered, state.first, data, chosen, config)
+    weights = config.weights
+    total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
+    if config.initialise == "flow":
+        total = total + weights.first * losses.first
     (total / workers.count).backward()
     state.remembered[index] = strands.detach()
-    return {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head")}
+    return {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first")}
 
 
 def _image_part(

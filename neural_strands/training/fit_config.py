@@ -35,6 +35,9 @@ class FitWeights:
     """Squared opacity error on the trimap."""
     head: float = 1.0
     """Depth of strands inside the head."""
+    first: float = 0.05
+    """Distance of strands from where they began, if that is traced: segments are few, and without this strands gather
+    at them and leave the hair between."""
     shape_from_image: float = 0.05
     """Factor of image and alpha gradients that reach the shape texture; 0 leaves the shape to geometry."""
 

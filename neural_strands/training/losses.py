@@ -122,6 +122,13 @@ def head_penalty(
     return (depth / clearance).square().mean()
 
 
+def holding_loss(
+    points: Float[Tensor, "strand point 3"], first: Float[Tensor, "strand point 3"], unit: float
+) -> Float[Tensor, ""]:
+    """Mean squared distance of points, in units, from where they began."""
+    return ((points - first) / unit).square().sum(dim=-1).mean()
+
+
 def _mean_misfit(
     points: Float[Tensor, "pair 3"],
     directions: Float[Tensor, "pair 3"],

@@ -11,7 +11,7 @@ from neural_strands.geometry.strands import directions
 from neural_strands.model.hair_model import HairModel
 from neural_strands.training.fit_config import FitConfig
 from neural_strands.training.fit_data import FitData
-from neural_strands.training.losses import coverage_loss, head_penalty, surface_loss
+from neural_strands.training.losses import coverage_loss, head_penalty, holding_loss, surface_loss
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,13 @@ class ShapeLosses:
         surface: generated points against segments.
         coverage: segments against generated points.
         head: depth inside the head.
+        first: how far strands are from where they began.
     """
 
     surface: Float[Tensor, ""]
     coverage: Float[Tensor, ""]
     head: Float[Tensor, ""]
+    first: Float[Tensor, ""]
 
 
 def decode_some(
@@ -53,6 +55,7 @@ def shape_losses(
     strands: Float[Tensor, "some point 3"],
     index: Int64[Tensor, " some"],
     remembered: Float[Tensor, "root point 3"],
+    first: Float[Tensor, "root point 3"],
     data: FitData,
     chosen: Int64[Tensor, " target"],
     config: FitConfig,
@@ -70,4 +73,5 @@ def shape_losses(
         surface_loss(points, along, data.targets, config.chamfer),
         coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
         head_penalty(strands, data.distance, config.clearance),
+        holding_loss(strands, first[index], config.chamfer.unit),
     )

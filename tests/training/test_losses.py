@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 import torch
 from tiny_capture import ball
 
@@ -14,6 +15,7 @@ from neural_strands.training.losses import (
     alpha_loss,
     coverage_loss,
     head_penalty,
+    holding_loss,
     rendering_loss,
     surface_loss,
 )
@@ -104,3 +106,12 @@ def test_head_penalty_of_a_ball():
     expected = ((depth + 0.002) / 0.002) ** 2
     assert abs(float(inside) / expected - 1) < 0.12
     assert float(head_penalty(0.1 * circle, grid, clearance=0.002)) == 0.0
+
+
+def test_holding_is_the_mean_squared_distance_in_units():
+    first = torch.zeros(2, 3, 3)
+    moved = first.clone()
+    moved[0, 1] = torch.tensor([0.003, 0.0, -0.004])
+    # 5 mm in units of 2 mm, squared, at one of six points.
+    assert float(holding_loss(moved, first, 0.002)) == pytest.approx(2.5**2 / 6, rel=1e-5)
+    assert float(holding_loss(first, first, 0.002)) == 0.0
