@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neural_strands.flow.field import FlowField
-from neural_strands.flow.grid import VoxelGrid, face_neighbours
+from neural_strands.flow.grid import VoxelGrid, behind_faces, face_neighbours
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,14 @@ class FlowCells:
     open: Bool[Tensor, "cell 6"]
 
     @property
+    def inner(self) -> Bool[Tensor, "cell 6"]:
+        """Faces between two cells."""
+        return self.neighbours < len(self.neighbours)
+
+    @property
     def linked(self) -> Bool[Tensor, "cell 6"]:
         """Faces that flow can pass."""
-        return self.open | (self.neighbours < len(self.neighbours))
+        return self.open | self.inner
 
 
 def conserve(
@@ -76,16 +81,13 @@ def conserve(
     given = functional.normalize(field.directions.reshape(3, -1).T[number], dim=1)
     scalp = under_scalp(field.grid, scalp_points, scalp_normals, depth) & ~field.domain
     cells = flow_cells(field.domain, scalp, given, config.way_out)
-    flow, enough = given, 0.0
-    for turn in range(config.rounds):
-        if turn:
-            speed = (flow * given).sum(dim=1)
-            speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
-            flow = speed[:, None] * given
-        faces = face_flow(flow, cells)
-        enough = enough or config.tolerance * float(faces.sum(dim=1).norm())
-        faces = without_divergence(faces, cells, enough, config.iterations)
+    enough = config.tolerance * float(face_flow(given, cells).sum(dim=1).norm())
+    flow, speed = given, torch.ones_like(given[:, 0])
+    for _ in range(config.rounds):
+        faces = without_divergence(face_flow(speed[:, None] * given, cells), cells, enough, config.iterations)
         flow = 0.5 * (faces[:, :3] - faces[:, 3:])
+        speed = (flow * given).sum(dim=1)
+        speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
     kept = torch.where(flow.norm(dim=1, keepdim=True) > 1e-6, functional.normalize(flow, dim=1), given)
     directions = field.directions.reshape(3, -1).index_copy(1, number, kept.T).reshape_as(field.directions)
     return FlowField(field.grid, directions, field.domain)
@@ -119,22 +121,16 @@ def flow_cells(
         way_out: cosine with a face's outward normal beyond which hair leaves through it.
     """
     neighbours = face_neighbours(domain)
-    outside = neighbours == len(neighbours)
-    place = torch.nonzero(domain) + 1
-    padded = functional.pad(scalp, (1, 1, 1, 1, 1, 1))
-    offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
-    behind = place[:, None] + offsets
-    from_scalp = padded[behind[..., 0], behind[..., 1], behind[..., 2]]
     outward = torch.cat([directions, -directions], dim=1)
-    return FlowCells(neighbours, outside & (from_scalp | (outward > way_out)))
+    passed = behind_faces(scalp, domain, False) | (outward > way_out)
+    return FlowCells(neighbours, passed & (neighbours == len(neighbours)))
 
 
 def face_flow(flow: Float[Tensor, "cell 3"], cells: FlowCells) -> Float[Tensor, "cell 6"]:
     """Outward flow through the faces of cells: the mean of both sides, none through closed ones."""
     outward = torch.cat([flow, -flow], dim=1)
     beyond = torch.cat([outward, outward.new_zeros(1, 6)]).gather(0, cells.neighbours)
-    inner = cells.neighbours < len(flow)
-    return torch.where(inner, 0.5 * (outward + beyond), outward * cells.open)
+    return torch.where(cells.inner, 0.5 * (outward + beyond), outward * cells.open)
 
 
 def without_divergence(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Int64, Shaped
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
@@ -76,11 +76,18 @@ class VoxelGrid:
 
 
 def face_neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
-    """The domain's voxel behind each face (+x, +y, +z, -x, -y, -z) of its voxels, numbered; their count for none."""
+    """The domain's voxel behind each face (see `behind_faces`) of its voxels, numbered; their count for none."""
     count = int(domain.sum())
-    number = torch.full([size + 2 for size in domain.shape], count, device=domain.device)
-    number[1:-1, 1:-1, 1:-1][domain] = torch.arange(count, device=domain.device)
-    place = torch.nonzero(domain) + 1
+    number = torch.full(domain.shape, count, device=domain.device)
+    number[domain] = torch.arange(count, device=domain.device)
+    return behind_faces(number, domain, count)
+
+
+def behind_faces(
+    values: Shaped[Tensor, "x y z"], domain: Bool[Tensor, "x y z"], beyond: int
+) -> Shaped[Tensor, "cell 6"]:
+    """What a volume holds behind each face (+x, +y, +z, -x, -y, -z) of the domain's voxels; `beyond` past the box."""
+    padded = torch.nn.functional.pad(values, (1, 1, 1, 1, 1, 1), value=beyond)
     offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
-    beside = place[:, None] + offsets
-    return number[beside[..., 0], beside[..., 1], beside[..., 2]]
+    behind = torch.nonzero(domain)[:, None] + 1 + offsets
+    return padded[behind[..., 0], behind[..., 1], behind[..., 2]]

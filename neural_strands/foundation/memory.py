@@ -14,7 +14,7 @@ def keep_freed_memory() -> bool:
     """Let the C library keep large blocks that are freed, for the process's whole life; for programs, not libraries.
 
     Images and activations of some megabytes come and go many times a frame. By default glibc gives each back to the
-    system and asks for it again, and the kernel clears every page anew: a sixth of a frame's time on the CPU.
+    system and asks for it again, and the kernel clears every page anew (docs/LOG.md says what that costs).
 
     Returns:
         Whether the C library is one that can be told so.
@@ -22,5 +22,5 @@ def keep_freed_memory() -> bool:
     if not sys.platform.startswith("linux"):
         return False
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    # musl has no mallopt, or one that does nothing.
+    # Other C libraries need not have it.
     return mallopt is not None and all(mallopt(name, KEPT) == 1 for name in (TRIM_THRESHOLD, MMAP_THRESHOLD))
