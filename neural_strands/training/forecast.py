@@ -21,6 +21,8 @@ STAND_IN_HEIGHT = 0.01
 """The stand-in's segments lie this far above the scalp, metres."""
 STEREO_SECONDS = 25.0
 """Line-based multi-view stereo, seconds a megapixel of photographs on two CPU cores (docs/LOG.md); less on CUDA."""
+TRACING_BYTES = 800_000_000
+"""What the tracing of first strands through the whole hair adds to the trial's peak (docs/LOG.md); stereo adds less."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Forecast:
         shape_seconds: one step that moves strands by geometry.
         image_seconds: one step that sees an image.
         fit_seconds: all steps.
-        memory_bytes: peak so far, which the steps do not exceed by much.
+        memory_bytes: the trial's peak, and what tracing adds to it.
     """
 
     stereo_seconds: float
@@ -87,7 +89,7 @@ def forecast(
         shape_seconds=shape,
         image_seconds=image,
         fit_seconds=plain * shape + (config.steps - plain) * image,
-        memory_bytes=peak_memory(device),
+        memory_bytes=peak_memory(device) + (TRACING_BYTES if config.initialise == "flow" else 0),
     )
 
 
