@@ -8,10 +8,9 @@ OUT/ablations.png: the strands of each variant and its rendering of a held-out v
 
 Shape: "full"; "no coarse-to-fine, no root-to-tip"; "geometry alone" (images train the appearance, not the strands);
 "positions" (a generator whose output is positions, not gradients: FILE is what `neural-strands train-prior FILE
---config.generator.synthesiser.output position` wrote). Images: "strided UNet"; "pixel view" (the UNet sees
-viewing directions, as the paper's does); "no alpha loss". These begin from strands traced through the segments, which
-leaves little to the order in which shape is freed; so the paper's start, its mean strand at every root, is run with its
-coarse-to-fine and root-to-tip schedule and without.
+--config.generator.synthesiser.output position` wrote). Images: "strided UNet"; "no alpha loss". These begin from
+strands traced through the segments, which leaves little to the order in which shape is freed; so the paper's start, its
+mean strand at every root, is run with its coarse-to-fine and root-to-tip schedule and without.
 """
 
 import argparse
@@ -62,7 +61,6 @@ def variants(base: FitConfig, positions: Path | None) -> dict[str, Variant]:
     """Every variant by name; `positions` are the weights of a generator of positions, if there are any."""
     free = replace(base.schedule, widest_blur=0.0, release_until=0.0)
     strided = replace(base.model, unet=replace(base.model.unet, alias_free=False))
-    pixel_view = replace(base.model, pixel_view=True)
     mean = mean_start(base)
     at_once = replace(mean.schedule, widest_blur=0.0, release_until=0.0)
     configs = {
@@ -71,7 +69,6 @@ def variants(base: FitConfig, positions: Path | None) -> dict[str, Variant]:
         "geometry alone": Variant(replace(base, weights=replace(base.weights, shape_from_image=0.0))),
         "positions": Variant(base, positions),
         "strided UNet": Variant(replace(base, model=strided)),
-        "pixel view": Variant(replace(base, model=pixel_view)),
         "no alpha loss": Variant(replace(base, weights=replace(base.weights, alpha=0.0))),
         "mean start": Variant(mean),
         "mean start, no coarse-to-fine, no root-to-tip": Variant(replace(mean, schedule=at_once)),

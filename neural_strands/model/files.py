@@ -20,7 +20,7 @@ from neural_strands.scalp.roots import Roots
 
 CONFIG_NAME = "config.json"
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 6
+FORMAT = 5
 """Version of the folder's layout."""
 
 C = TypeVar("C")

@@ -49,9 +49,6 @@ class HairModelConfig:
     """Colour of visible points."""
     lines: LineConfig = field(default_factory=LineConfig)
     """How strands are drawn; a fit that sees mattes finds their width itself."""
-    pixel_view: bool = False
-    """Give the image generator each pixel's viewing direction too, as the paper does. Here points are shaded by theirs,
-    and a generator that sees it as well learns the training views by heart (docs/LOG.md)."""
     points: int = 100
     """Points a strand."""
     supersample: int = 3
@@ -61,8 +58,8 @@ class HairModelConfig:
 
     @property
     def descriptor_channels(self) -> int:
-        """Channels at every level: z_a, direction, t, shaded colour, coverage; viewing direction if it is told."""
-        return self.textures.appearance_channels + 3 + 1 + 3 + (3 if self.pixel_view else 0) + 1
+        """Channels at every level of the pyramid: z_a, direction, t, viewing direction, shaded colour, coverage."""
+        return self.textures.appearance_channels + 3 + 1 + 3 + 3 + 1
 
 
 class Drawing(NamedTuple):
@@ -246,17 +243,16 @@ class HairModel(nn.Module):
         shaded = filled_from_below([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
         return raw[0].permute(1, 2, 0).float() + functional.pad(shaded.permute(1, 2, 0), (0, 1))
 
-    def _pixel_channels(self, level_map: SplatMap, camera: Camera, level: int) -> list[Float[Tensor, "h w _"]]:
-        """Viewing direction of every pixel of a level, if the config says so; the share of it that strands cover."""
+    def _pixel_channels(
+        self, level_map: SplatMap, camera: Camera, level: int
+    ) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
+        """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""
         height, width = level_map.coverage.shape
-        share = level_map.coverage / (self.config.supersample * 2**level) ** 2
-        covered = share.clamp(max=1.0)[..., None]
-        if not self.config.pixel_view:
-            return [covered]
         row = (torch.arange(height, device=camera.intrinsics.device) + 0.5) * 2**level
         column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
         centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
-        return [camera.rays(centres), covered]
+        share = level_map.coverage / (self.config.supersample * 2**level) ** 2
+        return camera.rays(centres), share.clamp(max=1.0)[..., None]
 
 
 def filled_from_below(

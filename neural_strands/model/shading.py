@@ -29,12 +29,6 @@ LOBE = 0.25
 ANGLES = 4
 """Numbers that describe how a fibre lies to one light and to the eye."""
 
-LOBE_WIDTHS = (0.08, 0.2, 0.5)
-"""Widths of the lobes that a fibre may scatter one light into, in the same sum."""
-
-LOBE_POWERS = 3
-"""Powers of the cosine of the azimuth, from the zeroth, that shape each lobe about the fibre."""
-
 
 @dataclass(frozen=True)
 class ShadingConfig:
@@ -69,7 +63,6 @@ class PointShading(nn.Module):
         self.inner = nn.ParameterList(torch.randn(hidden, size, generator=generator) / size**0.5 for size in inputs)
         self.biases = nn.ParameterList(torch.zeros(hidden) for _ in inputs)
         self.outer = nn.Parameter(torch.zeros(3 * (1 + features), hidden))
-        self.lobes = nn.Parameter(torch.zeros(3 * (1 + features), len(LOBE_WIDTHS) * LOBE_POWERS * len(self.lights)))
 
     def forward(
         self,
@@ -106,10 +99,7 @@ class PointShading(nn.Module):
             hidden = F.silu(F.linear(hidden, weight, bias))
         # The linear decode is what a fibre sends on whatever the direction: a bias.
         decode = torch.cat([self.mean[:, None], self.decode], dim=1).flatten()
-        response = F.linear(hidden, self.outer, decode)
-        # A sum of lobes goes on beyond the views that were seen; a network alone does not.
-        response = response + F.linear(scattering_lobes(angles, len(lights)), self.lobes)
-        response = response.unflatten(1, (3, 1 + own.shape[1]))
+        response = F.linear(hidden, self.outer, decode).unflatten(1, (3, 1 + own.shape[1]))
         return torch.baddbmm(response[:, :, :1], response[:, :, 1:], own[:, :, None]).squeeze(2)
 
 
@@ -135,28 +125,6 @@ def fibre_angles(
     width = (across * (1 - sine.square())).clamp(min=1e-4).sqrt()
     azimuth = (sine * along - view @ lights.T) / width
     return torch.cat([along, across, sine, both, torch.exp(-(both / LOBE).square()), azimuth], dim=1)
-
-
-def scattering_lobes(angles: Float[Tensor, "point angle"], lights: int) -> Float[Tensor, "point lobe"]:
-    """The products that fibre scattering is a sum of: longitudinal Gaussians times powers of the azimuth's cosine.
-
-    Marschner et al. 2003 have one such product for light that is reflected, transmitted, and reflected inside.
-
-    Args:
-        angles: what `fibre_angles` tells.
-        lights: how many lights it tells of.
-
-    Returns:
-        For each width, each power and each light one number.
-    """
-    both, azimuth = angles[:, 2 + lights : 2 + 2 * lights], angles[:, -lights:].clamp(-1.0, 1.0)
-    squared, products = both.square(), []
-    for width in LOBE_WIDTHS:
-        product = torch.exp(squared * (-1 / width**2))
-        for power in range(LOBE_POWERS):
-            product = product * azimuth if power else product
-            products.append(product)
-    return torch.cat(products, dim=1)
 
 
 def spread_directions(count: int) -> Float[Tensor, "count 3"]:

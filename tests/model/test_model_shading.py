@@ -7,17 +7,7 @@ import torch
 from torch.nn.functional import normalize
 
 from neural_strands.model.hair_volume import CHANNELS
-from neural_strands.model.shading import (
-    CPU_BATCH,
-    LOBE,
-    LOBE_POWERS,
-    LOBE_WIDTHS,
-    PointShading,
-    ShadingConfig,
-    fibre_angles,
-    scattering_lobes,
-    spread_directions,
-)
+from neural_strands.model.shading import CPU_BATCH, LOBE, PointShading, ShadingConfig, fibre_angles, spread_directions
 
 
 @pytest.mark.parametrize("hidden", [0, 8])
@@ -35,7 +25,6 @@ def test_the_network_sees_direction_t_view_lights_and_surroundings(generator):
     shading = PointShading(5, ShadingConfig(), generator)
     with torch.no_grad():
         shading.outer.normal_(generator=generator)
-        shading.lobes.normal_(generator=generator)
     descriptor = torch.randn(4, 9, generator=generator, requires_grad=True)
     view = torch.randn(4, 3, generator=generator, requires_grad=True)
     around = torch.randn(4, CHANNELS, generator=generator, requires_grad=True)
@@ -56,7 +45,6 @@ def test_batches_of_points_change_nothing(generator):
     shading = PointShading(5, ShadingConfig(8), generator).double()
     with torch.no_grad():
         shading.outer.normal_(generator=generator)
-        shading.lobes.normal_(generator=generator)
         shading.mean.normal_(generator=generator)
     points = CPU_BATCH + 3
     descriptor = torch.randn(points, 9, generator=generator, dtype=torch.float64, requires_grad=True)
@@ -65,7 +53,7 @@ def test_batches_of_points_change_nothing(generator):
     parts = zip(*(values.split(1000) for values in (descriptor, view, around)), strict=True)
     apart = torch.cat([shading(*part) for part in parts])
     torch.testing.assert_close(together, apart)
-    weights = [shading.outer, shading.lobes, shading.decode, shading.mean, *shading.inner]
+    weights = [shading.outer, shading.decode, shading.mean, *shading.inner]
     for one, other in zip(
         *(torch.autograd.grad(found.square().sum(), weights) for found in (together, apart)), strict=True
     ):
@@ -77,7 +65,6 @@ def test_its_sum_in_closed_form(generator):
     shading = PointShading(2, ShadingConfig(4, 1, lights=2), generator)
     with torch.no_grad():
         shading.outer.normal_(generator=generator)
-        shading.lobes.normal_(generator=generator)
         shading.mean.normal_(generator=generator)
     descriptor, view = torch.randn(3, 6, generator=generator), normalize(torch.randn(3, 3, generator=generator))
     descriptor[:, 2:5] = normalize(descriptor[:, 2:5])
@@ -88,8 +75,7 @@ def test_its_sum_in_closed_form(generator):
         facing = torch.cat([(hair[:3] @ direction)[None], shading.lights @ hair[:3]])
         seen = torch.cat([point[2:], direction, angles, hair, facing])
         hidden = torch.nn.functional.silu(shading.inner[0] @ seen + shading.biases[0])
-        lobes = scattering_lobes(angles[None], 2)[0]
-        response = (shading.outer @ hidden + shading.lobes @ lobes).view(3, 3)
+        response = (shading.outer @ hidden).view(3, 3)
         own = torch.cat([torch.ones(1), point[:2]])
         torch.testing.assert_close(colour, shading.mean + shading.decode @ point[:2] + response @ own)
 
@@ -112,23 +98,6 @@ def test_angles_of_a_fibre_in_known_places():
     torch.testing.assert_close(found, torch.tensor(expected))
 
 
-def test_lobes_against_their_formula(generator):
-    """Both sines and the azimuth, one light after the other, from plain vectors."""
-    fibre, view = (normalize(torch.randn(20, 3, generator=generator)) for _ in range(2))
-    lights = spread_directions(3)
-    found = scattering_lobes(fibre_angles(fibre, view, lights), 3)
-    for point, (axis, seen) in enumerate(zip(fibre, view, strict=True)):
-        expected = []
-        across = [torch.linalg.cross(axis, torch.linalg.cross(away, axis)) for away in [*lights, -seen]]
-        for width in LOBE_WIDTHS:
-            for power in range(LOBE_POWERS):
-                for light, flat in zip(lights, across[:-1], strict=True):
-                    sines = axis @ light + axis @ -seen
-                    azimuth = torch.cosine_similarity(flat, across[-1], dim=0)
-                    expected.append(torch.exp(-((sines / width) ** 2)) * azimuth**power)
-        torch.testing.assert_close(found[point], torch.stack(expected), atol=1e-4, rtol=1e-3)
-
-
 def test_angles_turn_with_the_scene(generator):
     fibre, view = (normalize(torch.randn(50, 3, generator=generator)) for _ in range(2))
     lights = spread_directions(6)
@@ -140,8 +109,7 @@ def test_angles_turn_with_the_scene(generator):
 def test_angles_have_gradients_where_eye_or_light_look_along_the_fibre():
     fibre = torch.tensor([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]], requires_grad=True)
     lights = torch.tensor([[0.0, 1.0, 0.0]], requires_grad=True)
-    angles = fibre_angles(fibre, torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), lights)
-    (angles.square().sum() + scattering_lobes(angles, 1).sum()).backward()
+    fibre_angles(fibre, torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), lights).square().sum().backward()
     assert fibre.grad.isfinite().all()
     assert lights.grad.isfinite().all()
 
