@@ -32,7 +32,7 @@ REFRESH_EVERY = 10
 
 @dataclass
 class FitState:
-    """What changes during a fit, and all that a checkpoint holds.
+    """Where a fit stands and where it began: all that a checkpoint holds.
 
     Attributes:
         model: textures, renderer and roots.

@@ -22,7 +22,7 @@ STAND_IN_HEIGHT = 0.01
 STEREO_SECONDS = 25.0
 """Line-based multi-view stereo, seconds a megapixel of photographs on two CPU cores (docs/LOG.md); less on CUDA."""
 TRACING_BYTES = 800_000_000
-"""What the tracing of first strands through the whole hair adds to the trial's peak (docs/LOG.md); stereo adds less."""
+"""The most that the tracing of first strands was seen to add to the trial's peak (docs/LOG.md)."""
 
 
 @dataclass(frozen=True)
