@@ -12,7 +12,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.hair_model import HairModel
+from neural_strands.model.compositing import area_mean
+from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import visible_points
 from neural_strands.training.observation import Observation
@@ -29,7 +30,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Obs
         strands: world metres, with `root_uv`.
         targets: photographs; those with a mask tell hair from the rest.
     """
-    _surround(model, targets)
+    _surround(model, strands, targets)
     colour, weight = strand_colours(model, strands, targets)
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
@@ -87,19 +88,21 @@ def filled(
     return torch.where(weight > TINY, mean, around)
 
 
-def _surround(model: HairModel, targets: Sequence[Observation]) -> None:
-    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it."""
+def _surround(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
+    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it.
+
+    A vertex is looked for between hair, for want of better; the background only where there is next to none.
+    """
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
     for target in targets:
-        mask = torch.zeros_like(target.image[..., 0]) if target.mask is None else target.mask
+        hair = _hair(model, strands, target)
         body = model.body(target.camera)
-        bare = 1 - mask[..., None]
         shown = (body.colour, model.background(target.camera))
-        shares = (bare, bare * (1 - body.coverage[..., None]))
+        shares = ((1 - hair) ** 4, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
-                total += torch.autograd.grad(image, colour, value * share, retain_graph=True)[0]
+                total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]
     with torch.no_grad():
         for colour, total, weight in zip(colours, sums, weights, strict=True):
             if weight.sum() <= TINY:
@@ -109,3 +112,12 @@ def _surround(model: HairModel, targets: Sequence[Observation]) -> None:
             else:
                 mean = total.sum(dim=0) / weight.sum(dim=0)
                 colour.copy_(torch.where(weight > TINY, total / weight.clamp(min=TINY), mean))
+
+
+@torch.no_grad()
+def _hair(model: HairModel, strands: Strands, target: Observation) -> Float[Tensor, "height width"]:
+    """How much of each pixel is hair: as its mask says or, without one, as strands are drawn."""
+    if target.mask is not None:
+        return target.mask
+    drawn = model.draw(strands, target.camera).lines.segment >= 0
+    return area_mean(drawn[..., None].to(target.image.dtype), model.config.supersample)[..., 0]

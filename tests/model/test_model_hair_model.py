@@ -13,7 +13,15 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.files import load_hair_model, save_hair_model
-from neural_strands.model.hair_model import LEAST_OPACITY, MOST_OPACITY, HairModel, HairModelConfig, filled_from_below
+from neural_strands.model.hair_model import (
+    BACKGROUND_THROUGH,
+    BODY_THROUGH,
+    LEAST_OPACITY,
+    MOST_OPACITY,
+    HairModel,
+    HairModelConfig,
+    filled_from_below,
+)
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
@@ -210,6 +218,23 @@ def test_the_image_is_hair_over_body_over_background():
     torch.testing.assert_close(output.rgb, expected)
     assert output.behind_rgb.min().item() == pytest.approx(0.2, abs=1e-5)
     assert output.behind_rgb.max().item() == pytest.approx(0.8, abs=1e-5)
+
+
+def test_the_background_learns_only_beside_the_hair_and_the_body_through_all_but_the_thickest():
+    hair, camera = model(supersample=1), view((96, 80))
+    output = hair.render(stubble(hair), camera)
+    alpha = output.alpha.detach()[..., None]
+    assert alpha.min() < BACKGROUND_THROUGH
+    assert alpha.max() > BODY_THROUGH
+    body = hair.body(camera)
+    free = (1 - body.coverage[..., None]) * (1 - alpha) * (alpha <= BACKGROUND_THROUGH)
+    learned = [hair.background.colour, hair.body.colour]
+    found = torch.autograd.grad(output.rgb.sum(), learned)
+    through = (1 - alpha) * (alpha <= BODY_THROUGH)
+    expected = torch.autograd.grad((hair.background(camera) * free + body.colour * through).sum(), learned)
+    for one, other in zip(found, expected, strict=True):
+        assert other.abs().sum() > 0
+        torch.testing.assert_close(one, other)
 
 
 def test_gaps_show_the_next_coarser_map(generator):
