@@ -29,11 +29,11 @@ from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
 
-BACKGROUND_THROUGH, BODY_THROUGH = 0.1, 0.9
-"""Opacity of hair through which images still teach background and body.
+BACKGROUND_THROUGH = 0.1
+"""Opacity of hair through which images still teach the background.
 
-What shines through hair is mostly hair. The background behind it differs from view to view, so other views would show
-that hair's colour beside their own; the scalp goes along with its hair, and partings show it."""
+What shines through hair is mostly hair, and the background behind it differs from view to view: other views would show
+that hair's colour beside their own. Scalp and face go along with the hair before them, and keep its shadow."""
 LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
 """Opacity that a pixel without any strand and a fully covered one start with.
 
@@ -201,8 +201,10 @@ class HairModel(nn.Module):
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
         alpha = torch.sigmoid(raw[..., 3] + start)
         share = area_mean(body.coverage[..., None], factor)
-        skin = taught_through(area_mean(body.colour, factor), alpha, BODY_THROUGH)
-        behind = skin + (1 - share) * taught_through(self.background(camera), alpha, BACKGROUND_THROUGH)
+        # Never the hair's colour: see BACKGROUND_THROUGH.
+        background = self.background(camera)
+        background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
+        behind = area_mean(body.colour, factor) + (1 - share) * background
         rgb = compose(raw[..., :3], alpha, behind)
         return RenderOutput(rgb, alpha, raw[..., :3], behind, coverage, drawing.lines)
 
@@ -259,13 +261,6 @@ class HairModel(nn.Module):
         centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
         return camera.rays(centres), share.clamp(max=1.0)[..., None]
-
-
-def taught_through(
-    colour: Float[Tensor, "height width 3"], alpha: Float[Tensor, "height width"], most: float
-) -> Float[Tensor, "height width 3"]:
-    """The colour itself; no gradient reaches it where the hair before it is more opaque than `most`."""
-    return torch.where(alpha[..., None] > most, colour.detach(), colour)
 
 
 def filled_from_below(

@@ -91,7 +91,7 @@ def filled(
 def _surround(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
     """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it.
 
-    A vertex is looked for between hair, for want of better; the background only where there is next to none.
+    The body is looked for between hair too, in its shadow; the background only where there is next to none.
     """
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
@@ -99,7 +99,7 @@ def _surround(model: HairModel, strands: Strands, targets: Sequence[Observation]
         hair = _hair(model, strands, target)
         body = model.body(target.camera)
         shown = (body.colour, model.background(target.camera))
-        shares = ((1 - hair) ** 4, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
+        shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
                 total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]
