@@ -14,6 +14,7 @@ from torch.nn import functional as F
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate
+from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
@@ -145,3 +146,8 @@ def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: in
     if factor == 1:
         return image
     return F.avg_pool2d(image.permute(2, 0, 1)[None], factor)[0].permute(1, 2, 0)
+
+
+def drawn_share(lines: LineBuffer, factor: int) -> Float[Tensor, "height width"]:
+    """Share of each pixel that lines were drawn on, at `factor` times the image's resolution."""
+    return area_mean((lines.segment >= 0)[..., None].float(), factor)[..., 0]

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import area_mean
+from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import visible_points
@@ -119,5 +119,4 @@ def _hair(model: HairModel, strands: Strands, target: Observation) -> Float[Tens
     """How much of each pixel is hair: as its mask says or, without one, as strands are drawn."""
     if target.mask is not None:
         return target.mask
-    drawn = model.draw(strands, target.camera).lines.segment >= 0
-    return area_mean(drawn[..., None].to(target.image.dtype), model.config.supersample)[..., 0]
+    return drawn_share(model.draw(strands, target.camera).lines, model.config.supersample)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import torch
 
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import area_mean
+from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.training.observation import Observation
@@ -48,8 +48,7 @@ def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observa
     def misfit(lines: LineConfig) -> float:
         total = 0.0
         for (_, mask), camera, depth in zip(masked, fine, hidden_by, strict=True):
-            drawn = rasterise_lines(strands.points, camera, depth, lines).segment >= 0
-            coverage = area_mean(drawn[..., None].to(depth.dtype), factor)[..., 0]
+            coverage = drawn_share(rasterise_lines(strands.points, camera, depth, lines), factor)
             total += float((coverage - mask).square().mean())
         return total
 
