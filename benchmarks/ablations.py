@@ -25,17 +25,17 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import training_views
 from neural_strands.evaluation.pictures import geometry_picture, png
+from neural_strands.fitting.config import FitConfig, preset
+from neural_strands.fitting.schedule import ScheduleConfig
+from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.progress import track
 from neural_strands.lmvs.files import save_segments
-from neural_strands.training.evaluate import RunContents, evaluate_run, open_run
-from neural_strands.training.fit_config import FitConfig, preset
-from neural_strands.training.prepare import training_views
-from neural_strands.training.run import FitRequest, find_head, fit_prior, run_fit
-from neural_strands.training.run_folder import weights_digest
-from neural_strands.training.schedule import ScheduleConfig
-from neural_strands.training.segments import find_segments
+from neural_strands.runs.evaluate import RunContents, evaluate_run, open_run
+from neural_strands.runs.run_fit import FitRequest, find_head, fit_prior, run_fit
+from neural_strands.runs.run_folder import weights_digest
 
 CPU = torch.device("cpu")
 SHOWN = 2
@@ -88,7 +88,7 @@ def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
     """The line segments of the training views, made unless they are there."""
     path = out / "segments.npz"
     if not path.is_file():
-        seen = capture.subset(training_views(capture, config))
+        seen = capture.subset(training_views(len(capture), config.hold_out_every))
         save_segments(path, find_segments(seen, find_head(capture, None), config.seed, out / "lmvs", track))
     return path
 

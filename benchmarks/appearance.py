@@ -19,9 +19,16 @@ import tyro
 from torch.nn import functional as F
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
+from neural_strands.fitting.config import KNOTTED, FitConfig, FitWeights
+from neural_strands.fitting.first_colours import strand_colours
+from neural_strands.fitting.fit import FitState, fit, start_fit
+from neural_strands.fitting.fit_data import gather_fit_data
+from neural_strands.fitting.observation import Observation
+from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
@@ -38,12 +45,6 @@ from neural_strands.raster.visible import visible_points
 from neural_strands.scalp.chart import chart_faces
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import attach_roots
-from neural_strands.training.first_colours import strand_colours
-from neural_strands.training.fit import FitState, fit, start_fit
-from neural_strands.training.fit_config import KNOTTED, FitConfig, FitWeights
-from neural_strands.training.observation import Observation
-from neural_strands.training.prepare import held_out_views, prepare, training_views
-from neural_strands.training.schedule import ScheduleConfig
 
 
 @dataclass(frozen=True)
@@ -174,8 +175,8 @@ def main(arguments: Arguments) -> None:
     head = Head(capture.head, capture.scalp_faces, chart_faces(capture.head, capture.scalp_faces))
     roots = attach_roots(head, capture.ground_truth.points[:, 0])
     strands = replace(capture.ground_truth, root_uv=roots.uv)
-    held = [observation(capture, index) for index in held_out_views(capture, config)]
-    train = [observation(capture, index) for index in training_views(capture, config)]
+    held = [observation(capture, index) for index in held_out_views(len(capture), config.hold_out_every)]
+    train = [observation(capture, index) for index in training_views(len(capture), config.hold_out_every)]
     first = torch.Generator().manual_seed(arguments.seed)
     model = HairModel(config.model, roots, StrandGenerator(), capture.head, first)
     lpips, reason = find_lpips("squeeze", fetch=False)
@@ -191,7 +192,7 @@ def main(arguments: Arguments) -> None:
 
     state = start_fit(model, config)
     state.drawn = strands.points
-    data = prepare(capture, head, strand_segments(strands), config, torch.device("cpu"))
+    data = gather_fit_data(capture, head, strand_segments(strands), config, torch.device("cpu"))
     fit(state, data, config, lpips, after_step=report)
     seconds = time.perf_counter() - begin
     rows: dict[str, list[list[float]]] = {name: [] for name in ("model", "strand_colour", "warp")}

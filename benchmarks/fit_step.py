@@ -17,6 +17,12 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.evaluation.timing import Timing, time_function
+from neural_strands.fitting.config import FitConfig, preset
+from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.fit import fit, step_generator
+from neural_strands.fitting.fit_data import FitData, gather_fit_data, random_region
+from neural_strands.fitting.geometry_step import decode_some
+from neural_strands.fitting.losses import coverage_loss, head_penalty, surface_loss
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
@@ -24,12 +30,6 @@ from neural_strands.prior.vae import load_prior
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import sample_roots
 from neural_strands.synthesis.dome import DomeConfig, dome
-from neural_strands.training.fit import fit, step_generator
-from neural_strands.training.fit_config import FitConfig, preset
-from neural_strands.training.fit_data import FitData, random_region
-from neural_strands.training.losses import coverage_loss, head_penalty, surface_loss
-from neural_strands.training.prepare import begin, prepare
-from neural_strands.training.shape import decode_some
 
 SEGMENT_POINTS = 100_000
 
@@ -113,7 +113,7 @@ def main() -> None:
     segments = LineSegments(lifted, roots.frame[..., 0].contiguous(), torch.ones(len(lifted)), number)
     with TemporaryDirectory() as folder:
         grey_capture(Path(folder), lifted, options.resolution)
-        data = prepare(Capture.load(folder), head, segments, config, device)
+        data = gather_fit_data(Capture.load(folder), head, segments, config, device)
         rows = measure(data, config, device)
     for name, timing in rows:
         sys.stdout.write(f"{name:48} median {1e3 * timing.median:8.1f} ms, least {1e3 * timing.fastest:8.1f} ms\n")

@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 
 from neural_strands.capture.capture import Capture
+from neural_strands.fitting.stereo import capture_views, moved
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.nearest import match_levels
 from neural_strands.geometry.resample import resample_polyline_lengths
@@ -20,7 +21,6 @@ from neural_strands.geometry.strands import directions, lengths
 from neural_strands.lmvs.files import save_segments
 from neural_strands.lmvs.growth import GrowthConfig, orient_segments
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
-from neural_strands.training.segments import capture_views, moved
 
 THRESHOLDS = [(0.001, 0.17453), (0.002, 0.34907), (0.003, 0.5236)]
 STEP = 0.0005

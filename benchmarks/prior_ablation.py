@@ -26,10 +26,10 @@ from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.refine import refine_latents
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import StrandPrior
-from neural_strands.training.curve_stream import seeded
-from neural_strands.training.prior_config import PriorLossConfig, TrainPriorConfig, paper_preset
-from neural_strands.training.prior_losses import kl_divergence
-from neural_strands.training.train_prior import train_prior
+from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, paper_preset
+from neural_strands.prior_training.curve_stream import seeded
+from neural_strands.prior_training.losses import kl_divergence
+from neural_strands.prior_training.train_prior import train_prior
 
 HELD_OUT = 1000
 """Curves, never trained on."""

@@ -20,7 +20,7 @@ from neural_strands.prior.errors import reconstruction_error
 from neural_strands.prior.pca import StrandPca
 from neural_strands.prior.refine import refine_latents
 from neural_strands.prior.vae import StrandPrior, load_prior
-from neural_strands.training.groom_strands import local_strands
+from neural_strands.prior_training.groom_strands import local_strands
 
 
 def coils(shortest: float, longest: float, count: int = 2000) -> Tensor:

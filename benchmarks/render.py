@@ -17,6 +17,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.evaluation.timing import peak_memory, time_function
+from neural_strands.fitting.config import KNOTTED
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import orthonormal_frames
@@ -28,7 +29,6 @@ from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.scalp.roots import Roots
-from neural_strands.training.fit_config import KNOTTED
 
 RADIUS = 0.09
 """Of the head, metres."""

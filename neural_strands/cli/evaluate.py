@@ -25,8 +25,8 @@ class Evaluate:
 
     def run(self) -> None:
         """Evaluate, write, print."""
-        from neural_strands.training.evaluate import evaluate_run, open_run
-        from neural_strands.training.report import write_report
+        from neural_strands.runs.evaluate import evaluate_run, open_run
+        from neural_strands.runs.report import write_report
 
         device = pick_device(self.device)
         run = open_run(self.run_folder, device)

@@ -47,8 +47,8 @@ class Fit:
 
     def run(self) -> None:
         """Fit, saying what happens on standard error."""
-        from neural_strands.training.fit_config import preset
-        from neural_strands.training.run import FitRequest, run_fit
+        from neural_strands.fitting.config import preset
+        from neural_strands.runs.run_fit import FitRequest, run_fit
 
         for name in ("steps", "strands", "minutes"):
             value = getattr(self, name)

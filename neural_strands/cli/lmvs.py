@@ -54,13 +54,13 @@ class Lmvs:
     def run(self) -> None:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
+        from neural_strands.fitting.stereo import capture_views, moved
         from neural_strands.lmvs.files import save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
         from neural_strands.lmvs.strokes import read_strokes
         from neural_strands.lmvs.views import reduced
-        from neural_strands.training.segments import capture_views, moved
 
         if not 0 < math.hypot(*self.up) < math.inf:
             raise InputError(f"--up: expected three finite numbers that are not all zero, came {self.up}.")

@@ -58,7 +58,7 @@ class PriorReport:
         from neural_strands.prior.curves import synthetic_curves
         from neural_strands.prior.pca import StrandPca
         from neural_strands.prior.vae import load_prior
-        from neural_strands.training.groom_strands import local_strands
+        from neural_strands.prior_training.groom_strands import local_strands
 
         if not self.grooms:
             raise InputError("prior-report: expected at least one groom file, got none.")

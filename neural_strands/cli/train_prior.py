@@ -11,7 +11,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.errors import InputError
-from neural_strands.training.prior_config import TrainPriorConfig
+from neural_strands.prior_training.config import TrainPriorConfig
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class TrainPrior:
         """Read the grooms, train, say where the weights are."""
         import torch
 
-        from neural_strands.training.groom_strands import local_strands
-        from neural_strands.training.prior_config import paper_preset
-        from neural_strands.training.train_prior import held_out_curves, held_out_error, train_prior
+        from neural_strands.prior_training.config import paper_preset
+        from neural_strands.prior_training.groom_strands import local_strands
+        from neural_strands.prior_training.train_prior import held_out_curves, held_out_error, train_prior
 
         if self.head and len(self.head) != len(self.groom):
             raise InputError(f"--head: expected one a groom ({len(self.groom)}), got {len(self.head)}.")

@@ -7,7 +7,7 @@ import warp as wp
 from jaxtyping import Int32
 from torch import Tensor
 
-from neural_strands.evaluation.consistency_kernels import consistency_kernel
+from neural_strands.evaluation.kernels.consistency import consistency_kernel
 from neural_strands.evaluation.oriented_points import OrientedPoints
 from neural_strands.foundation.kernels import array, launch_split
 from neural_strands.geometry.point_grid import PointGrid

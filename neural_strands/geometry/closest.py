@@ -8,8 +8,8 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
+from neural_strands.geometry.kernels.mesh_queries import closest_kernel, signed_kernel
 from neural_strands.geometry.mesh import Mesh, barycentric_coordinates
-from neural_strands.geometry.mesh_query_kernels import closest_kernel, signed_kernel
 
 
 @dataclass(frozen=True)

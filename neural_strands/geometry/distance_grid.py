@@ -11,8 +11,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation import kernels
+from neural_strands.geometry.kernels.mesh_queries import trilinear_kernel
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.mesh_query_kernels import trilinear_kernel
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
 
 POINTS_AT_ONCE = 1_000_000

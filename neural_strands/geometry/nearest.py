@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation.kernels import array, launch_split
+from neural_strands.geometry.kernels.points import MOST_LEVELS, LevelVector, levels_kernel, nearest_kernel
 from neural_strands.geometry.point_grid import PointGrid
-from neural_strands.geometry.point_kernels import MOST_LEVELS, LevelVector, levels_kernel, nearest_kernel
 
 TWIN_CHUNK = 256
 """Queries that the quadratic twins compare with all points at once."""

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.lmvs import chain_kernels
 from neural_strands.lmvs.consistency import OrientedPoints
 from neural_strands.lmvs.fusion import cell_keys
+from neural_strands.lmvs.kernels import chains as chain_kernels
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels as launches
-from neural_strands.lmvs import patchmatch_kernels
-from neural_strands.lmvs.bounds import Bounds
 from neural_strands.lmvs.features import Features, ray_angle
+from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
+from neural_strands.lmvs.kernels.ribbons import MOST_NEIGHBOURS, MOST_SAMPLES, Patch
 from neural_strands.lmvs.orientation import gaussian_blur
-from neural_strands.lmvs.ribbon_kernels import MOST_NEIGHBOURS, MOST_SAMPLES, Patch
+from neural_strands.lmvs.search_range import Bounds
 
 CROSS = ((0, -1), (0, 1), (-1, 0), (1, 0))
 """Red-black neighbours of a pixel, in steps of the level."""

@@ -12,9 +12,9 @@ from torch import Tensor
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.lmvs.bounds import head_distance
 from neural_strands.lmvs.features import Features
 from neural_strands.lmvs.patchmatch import LineMap
+from neural_strands.lmvs.search_range import head_distance
 
 SKIN = 0.01
 """How far behind the head's surface hair still shows, as a share of its distance."""

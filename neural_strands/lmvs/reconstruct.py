@@ -18,7 +18,15 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import signed_distance
-from neural_strands.lmvs.bounds import (
+from neural_strands.lmvs.chains import ChainConfig, grow_chains
+from neural_strands.lmvs.connected_hair import large_masses
+from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
+from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
+from neural_strands.lmvs.inputs_digest import inputs_digest
+from neural_strands.lmvs.orientation import OrientationConfig
+from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
+from neural_strands.lmvs.scale import check_head_size, check_scene, in_metres, of_one_scale
+from neural_strands.lmvs.search_range import (
     Carver,
     Hull,
     Region,
@@ -30,16 +38,8 @@ from neural_strands.lmvs.bounds import (
     sight_of,
     warp_mesh,
 )
-from neural_strands.lmvs.chains import ChainConfig, grow_chains
-from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
-from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
-from neural_strands.lmvs.identity import inputs_digest
-from neural_strands.lmvs.mass import large_masses
-from neural_strands.lmvs.orientation import OrientationConfig
-from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
-from neural_strands.lmvs.scale import check_head_size, check_scene, in_metres, of_one_scale
+from neural_strands.lmvs.view_cache import ViewCache
 from neural_strands.lmvs.views import View
-from neural_strands.lmvs.work import Work
 
 log = logging.getLogger(__name__)
 
@@ -93,7 +93,7 @@ class LmvsConfig:
 class _Scene:
     """What every view's matching shares."""
 
-    work: Work
+    work: ViewCache
     region: Region
     hull: Hull
     mesh: wp.Mesh | None
@@ -129,7 +129,7 @@ def reconstruct(
     check_head_size(head)
     with TemporaryDirectory() as temporary:
         seed = int(torch.randint(0, 2**30, (1,), generator=generator))
-        work = Work(folder or Path(temporary), views, config.orientation)
+        work = ViewCache(folder or Path(temporary), views, config.orientation)
         if folder is not None:
             work.keep_only(inputs_digest(views, head, _of_views(config, seed)))
         good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
@@ -180,7 +180,7 @@ def _of_views(config: LmvsConfig, seed: int) -> list[object]:
     return [config.orientation, config.patchmatch, config.least_baseline, config.thickness, config.voxel, seed]
 
 
-def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, work: Work) -> list[int]:
+def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, work: ViewCache) -> list[int]:
     """Leave out, with a warning, the views whose camera lies inside the head or is in another unit than the others."""
     if head is not None and good:
         centres = torch.stack([cameras[i].position for i in good])
@@ -197,7 +197,7 @@ def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, 
     return [i for i, fine in zip(good, kept, strict=True) if fine]
 
 
-def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: Work) -> _Scene:
+def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: ViewCache) -> _Scene:
     """Find where the hair is, and carve its hull."""
     cameras = [views[i].camera for i in good]
     masked = any(views[i].load_mask is not None for i in good)
@@ -223,7 +223,7 @@ def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Regi
     return [j for _, j in chosen[:8]]
 
 
-def _match(work: Work, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
+def _match(work: ViewCache, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
     """Lines of one view."""
     reference = work.features(i)
     pixel = torch.nonzero(reference.hair).flip(1)
@@ -242,7 +242,7 @@ def _match(work: Work, scene: _Scene, i: int, neighbours: list[int], config: Lmv
 
 
 def _fuse(
-    work: Work, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
+    work: ViewCache, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
 ) -> tuple[OrientedPoints, OrientedPoints]:
     """Lines of a view that other views confirm, and guesses: lines that they do not, the best in each cell."""
     lines = work.lines(i)

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.foundation import kernels
-from neural_strands.model import volume_kernels
+from neural_strands.model.kernels import volume as volume_kernels
 
 CELL = 0.005
 """Edge of a grid cell, metres."""

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.strands import lengths, segments
-from neural_strands.prior.bounds import logit_between, raw_from_length
+from neural_strands.prior.bounded_quantities import logit_between, raw_from_length
 from neural_strands.prior.generator import LARGEST_GAIN, Raw, StrandGenerator
 from neural_strands.prior.heading import heading_from_smooth
 from neural_strands.prior.synthesiser import Synthesiser, times

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.analysis import analyse
-from neural_strands.prior.bounds import LONGEST, SHORTEST, logit_between
+from neural_strands.prior.bounded_quantities import LONGEST, SHORTEST, logit_between
 from neural_strands.prior.generator import StrandGenerator
 
 

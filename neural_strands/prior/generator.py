@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from neural_strands.prior.bounds import between, length_from_raw
-from neural_strands.prior.fast import in_blocks
+from neural_strands.prior.blocks import in_blocks
+from neural_strands.prior.bounded_quantities import between, length_from_raw
 from neural_strands.prior.heading import smooth_from_heading
 from neural_strands.prior.modulator import CouplingModulator, MlpModulator
 from neural_strands.prior.synthesiser import Modulations, Synthesiser, SynthesiserConfig

@@ -15,7 +15,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths
-from neural_strands.prior.bounds import LONGEST, SHORTEST
+from neural_strands.prior.bounded_quantities import LONGEST, SHORTEST
 from neural_strands.prior.encoder import EncoderConfig, StrandEncoder
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.prior.synthesiser import SynthesiserConfig

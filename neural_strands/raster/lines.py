@@ -19,7 +19,9 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
-from neural_strands.raster import key_kernels, line_batch_kernel, line_kernels
+from neural_strands.raster.kernels import keys as key_kernels
+from neural_strands.raster.kernels import line_batches as line_batch_kernel
+from neural_strands.raster.kernels import lines as line_kernels
 
 SEGMENTS_PER_THREAD = 4
 """Consecutive segments that one CUDA thread draws; on the CPU one item is a whole strand, by a kernel of its own where

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation import kernels
-from neural_strands.raster import splat_kernels
+from neural_strands.raster.kernels import splats as splat_kernels
 from neural_strands.raster.reference import splat_reference
 
 MINIMUM_WEIGHT = 0.1

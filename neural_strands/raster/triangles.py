@@ -14,7 +14,7 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
-from neural_strands.raster import triangle_kernels
+from neural_strands.raster.kernels import triangles as triangle_kernels
 from neural_strands.raster.keys import empty_keys
 from neural_strands.raster.lines import projection_matrix
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
-from neural_strands.raster import fragment_kernels
+from neural_strands.raster.kernels import fragments as fragment_kernels
 from neural_strands.raster.lines import LineBuffer
 
 

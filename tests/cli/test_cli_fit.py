@@ -13,10 +13,10 @@ from full_disk import smallest_files
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.cli.main import main
+from neural_strands.fitting import config as fit_config
 from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.prior.vae import load_prior, save_prior
-from neural_strands.training import fit_config
 
 
 @pytest.fixture
@@ -151,7 +151,8 @@ sys.path.insert(0, sys.argv[1])
 from dataclasses import replace
 from full_disk import smallest_files
 from tiny_capture import tiny_config
-from neural_strands.training import fit_config, run
+from neural_strands.fitting import config as fit_config
+from neural_strands.runs import run_fit as run
 fit_config.preset = lambda _: replace(tiny_config(), steps=40)
 run.CHECKPOINT_SECONDS = 0.5
 from neural_strands.cli.main import main

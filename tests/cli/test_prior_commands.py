@@ -32,7 +32,7 @@ def groom(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_train_prior_writes_weights_that_load(
     tmp_path: Path, groom: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("neural_strands.training.curve_stream.CHUNK", 64)
+    monkeypatch.setattr("neural_strands.prior_training.curve_stream.CHUNK", 64)
     out = tmp_path / "prior.safetensors"
     words = ["train-prior", str(out), "--json", "--groom", str(groom), "--device", "cpu", "--config.steps", "2"]
     words += ["--config.sine-steps", "1", "--config.start-curves", "200", "--config.batch", "16"]

@@ -8,10 +8,10 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs.bounds import Hull, not_seen_empty, sight_of, warp_mesh
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
 from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.patchmatch import LineMap
+from neural_strands.lmvs.search_range import Hull, not_seen_empty, sight_of, warp_mesh
 
 
 def camera(x: float, name: str = "") -> Camera:

@@ -8,11 +8,11 @@ import warp as wp
 from neural_strands.foundation import kernels as launches
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs import patchmatch_kernels
-from neural_strands.lmvs.bounds import NOTHING, Hull, Region, head_distance, ray_bounds, warp_mesh
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.consistency import OrientedPoints
-from neural_strands.lmvs.ribbon_kernels import Patch
+from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
+from neural_strands.lmvs.kernels.ribbons import Patch
+from neural_strands.lmvs.search_range import NOTHING, Hull, Region, head_distance, ray_bounds, warp_mesh
 
 SIZE = (48, 40)
 

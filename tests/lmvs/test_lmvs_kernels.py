@@ -9,12 +9,12 @@ import warp as wp
 
 from neural_strands.foundation import kernels as launches
 from neural_strands.geometry.cameras import Camera
-from neural_strands.lmvs import patchmatch_kernels
 from neural_strands.lmvs.chains import mean_shift
 from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
+from neural_strands.lmvs.kernels.ribbons import Patch
 from neural_strands.lmvs.patchmatch import LEVELS
 from neural_strands.lmvs.reference import line_cost_reference, mean_line_reference
-from neural_strands.lmvs.ribbon_kernels import Patch
 
 
 def unit(*shape: int, generator: torch.Generator) -> torch.Tensor:

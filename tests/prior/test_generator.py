@@ -5,7 +5,7 @@ from typing import Literal
 import pytest
 import torch
 
-from neural_strands.prior import fast
+from neural_strands.prior import blocks as fast
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.prior.synthesiser import Modulation, Output, SynthesiserConfig
 from neural_strands.prior.vae import load_prior

@@ -6,9 +6,9 @@ import warp as wp
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
+from neural_strands.raster.kernels.line_batches import draw_strands
+from neural_strands.raster.kernels.lines import draw_lines
 from neural_strands.raster.keys import empty_keys, key_index
-from neural_strands.raster.line_batch_kernel import draw_strands
-from neural_strands.raster.line_kernels import draw_lines
 from neural_strands.raster.lines import LineConfig, projection_matrix, rasterise_lines
 from neural_strands.raster.reference import rasterise_lines_reference
 from neural_strands.raster.visible import visible_points

@@ -10,6 +10,8 @@ import numpy as np
 import torch
 import trimesh
 
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import directions
@@ -18,8 +20,6 @@ from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles
-from neural_strands.training.fit_config import FitConfig
-from neural_strands.training.schedule import ScheduleConfig
 
 RADIUS = 0.09
 SIDE = 64

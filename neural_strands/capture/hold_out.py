@@ -1,0 +1,15 @@
+"""Which views of a capture are kept for evaluation and seen by nothing else."""
+
+
+def held_out_views(count: int, every: int) -> list[int]:
+    """Indices of the views kept for evaluation: the last of every `every` of them; none for 0."""
+    return [index for index in range(count) if _held_out(index, every)]
+
+
+def training_views(count: int, every: int) -> list[int]:
+    """Indices of the views that a reconstruction may see: all but those held out."""
+    return [index for index in range(count) if not _held_out(index, every)]
+
+
+def _held_out(index: int, every: int) -> bool:
+    return every > 0 and index % every == every - 1

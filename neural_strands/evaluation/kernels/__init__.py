@@ -1,0 +1,1 @@
+"""Warp kernels of `neural_strands.evaluation`."""

@@ -1,0 +1,72 @@
+"""Warp kernel of `consistency` (its array types are no Python types, so they are left unchecked)."""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+from neural_strands.geometry.kernels.points import outside_grid, row_of, row_on_ring, row_span, rows_on_ring
+
+
+@wp.func
+@no_type_check
+def count_match(strand: int, other: int, point: int, slots: int, scratch: wp.array3d[int]) -> int:
+    """Note that strand `other` matches a point; return in how many points it has (0 when the table is full).
+
+    A slot holds the other strand plus one, how many points it matched, and the last of them plus one.
+    """
+    slot = other & (slots - 1)
+    for _ in range(slots):
+        holder = scratch[strand, slot, 0]
+        if holder == 0:
+            scratch[strand, slot, 0] = other + 1
+            holder = other + 1
+        if holder == other + 1:
+            if scratch[strand, slot, 2] != point + 1:
+                scratch[strand, slot, 2] = point + 1
+                scratch[strand, slot, 1] = scratch[strand, slot, 1] + 1
+            return scratch[strand, slot, 1]
+        slot = (slot + 1) & (slots - 1)
+    return 0
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def consistency_kernel(
+    first_strand: int,
+    points: wp.array[wp.vec3],
+    starts: wp.array[int],
+    lower: wp.vec3,
+    cells: wp.vec3i,
+    cell: float,
+    mask: int,
+    directions: wp.array[wp.vec3],
+    curves: wp.array[int],
+    true_points: wp.array[wp.vec3],
+    true_directions: wp.array[wp.vec3],
+    radius: float,
+    cosine: float,
+    slots: int,
+    offsets: wp.array[int],
+    scratch: wp.array3d[int],
+    best: wp.array[int],
+) -> None:
+    """One thread a true strand: count, for each predicted strand met, the points it matches; keep the largest."""
+    strand = first_strand + wp.tid()
+    reach = int(radius / cell) + 1
+    largest = wp.int32(0)
+    for i in range(offsets[strand], offsets[strand + 1]):
+        query = true_points[i]
+        if not outside_grid(query, radius, lower, cells, cell):
+            centre = row_of(query, lower, cell)
+            for ring in range(reach + 1):
+                for place in range(rows_on_ring(ring)):
+                    row = row_on_ring(centre, ring, place)
+                    span = row_span(query, row, radius, lower, cells, cell, mask, starts)
+                    for k in range(span[0], span[1]):
+                        offset = points[k] - query
+                        alike = wp.abs(wp.dot(true_directions[i], directions[k])) >= cosine
+                        if alike and wp.dot(offset, offset) <= radius * radius:
+                            largest = wp.max(largest, count_match(strand, curves[k], i, slots, scratch))
+    best[strand] = largest

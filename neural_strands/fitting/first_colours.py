@@ -1,0 +1,122 @@
+"""First colours in closed form: body and background from the pixels that show them, hair from its strands' means.
+
+Drawing body and background is linear in their colours, and so is sampling the appearance texture: the transpose of
+each, which is what autograd computes, sums the pixels that see each vertex or texel.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional as F
+
+from neural_strands.fitting.observation import Observation
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import drawn_share
+from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
+from neural_strands.raster.texture import sample_texture
+from neural_strands.raster.visible import visible_points
+
+TINY = 1e-6
+"""Weight below which nothing was seen."""
+
+
+def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
+    """Set the colours of body and background, and the first three channels of Z_a, which start as the hair's colour.
+
+    Args:
+        model: changed in place.
+        strands: world metres, with `root_uv`.
+        targets: photographs; those with a mask tell hair from the rest.
+    """
+    _surround(model, strands, targets)
+    colour, weight = strand_colours(model, strands, targets)
+    seen = weight > TINY
+    if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
+        return
+    mean = (colour * weight[:, None]).sum(dim=0) / weight.sum()
+    height, width, _ = model.textures.appearance.shape
+    total, share = spread(colour[seen] - mean, strands.root_uv[seen], height, width)
+    with torch.no_grad():
+        model.shading.mean.copy_(mean)
+        model.shading.decode[:, :3] = torch.eye(3, device=mean.device)
+        knots = model.textures.appearance.unflatten(2, (model.textures.knots, -1))
+        knots[..., :3] = filled(total, share)[:, :, None]
+
+
+@torch.no_grad()
+def strand_colours(
+    model: HairModel, strands: Strands, targets: Sequence[Observation]
+) -> tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]:
+    """Mean colour of the pixels that see each strand, weighted by the hair mask, and the sum of the weights."""
+    device = strands.points.device
+    total, weight = torch.zeros(len(strands), 3, device=device), torch.zeros(len(strands), device=device)
+    for target in targets:
+        factor = model.config.supersample
+        visible = visible_points(model.draw(strands, target.camera).lines, strands.points, factor)
+        sure = visible.weight
+        if target.mask is not None:
+            sure = sure * target.mask.reshape(-1)[visible.pixel]
+        total.index_add_(0, visible.strand, target.image.reshape(-1, 3)[visible.pixel] * sure[:, None])
+        weight.index_add_(0, visible.strand, sure)
+    return total / weight.clamp(min=TINY)[:, None], weight
+
+
+def spread(
+    values: Float[Tensor, "root channel"], uv: Float[Tensor, "root 2"], height: int, width: int
+) -> tuple[Float[Tensor, "height width channel"], Float[Tensor, "height width 1"]]:
+    """Sums of values over the texels that sample them, by bilinear weight, and the sums of the weights."""
+    image = values.new_zeros(height, width, values.shape[1] + 1, requires_grad=True)
+    carried = torch.cat([values, torch.ones_like(values[:, :1])], dim=1)
+    sums = torch.autograd.grad(sample_texture(image, uv), image, carried)[0]
+    return sums[..., :-1], sums[..., -1:]
+
+
+def filled(
+    total: Float[Tensor, "height width channel"], weight: Float[Tensor, "height width 1"]
+) -> Float[Tensor, "height width channel"]:
+    """Weighted means, with gaps filled from coarser and coarser halvings of the image."""
+    mean = total / weight.clamp(min=TINY)
+    if min(total.shape[:2]) < 2:
+        return mean
+    coarse_total, coarse_weight = (
+        F.avg_pool2d(image.permute(2, 0, 1)[None], 2, ceil_mode=True)[0].permute(1, 2, 0) for image in (total, weight)
+    )
+    coarse = filled(coarse_total, coarse_weight).permute(2, 0, 1)[None]
+    around = F.interpolate(coarse, size=total.shape[:2], mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
+    return torch.where(weight > TINY, mean, around)
+
+
+def _surround(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
+    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it.
+
+    The body is looked for between hair too, in its shadow; the background only where there is next to none.
+    """
+    colours = (model.body.colour, model.background.colour)
+    sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
+    for target in targets:
+        hair = _hair(model, strands, target)
+        body = model.body(target.camera)
+        shown = (body.colour, model.background(target.camera))
+        shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
+        for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
+            for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
+                total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]
+    with torch.no_grad():
+        for colour, total, weight in zip(colours, sums, weights, strict=True):
+            if weight.sum() <= TINY:
+                continue
+            if colour.dim() == 3:
+                colour.copy_(filled(total, weight[..., :1]))
+            else:
+                mean = total.sum(dim=0) / weight.sum(dim=0)
+                colour.copy_(torch.where(weight > TINY, total / weight.clamp(min=TINY), mean))
+
+
+@torch.no_grad()
+def _hair(model: HairModel, strands: Strands, target: Observation) -> Float[Tensor, "height width"]:
+    """How much of each pixel is hair: as its mask says or, without one, as strands are drawn."""
+    if target.mask is not None:
+        return target.mask
+    return drawn_share(model.draw(strands, target.camera).lines, model.config.supersample)

@@ -1,0 +1,33 @@
+"""The model that a fit starts from: roots on the scalp and first strands at each of them."""
+
+from dataclasses import replace
+
+import torch
+
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.first_strands import flow_latents, hair_flow, texture_from_latents
+from neural_strands.fitting.fit import FitState, start_fit
+from neural_strands.fitting.fit_data import FitData
+from neural_strands.fitting.masked_views import MaskedViews
+from neural_strands.model.hair_model import HairModel
+from neural_strands.prior.vae import StrandPrior
+from neural_strands.scalp.roots import sample_roots
+
+
+def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairModel:
+    """A model with its roots placed and, if asked for, first strands traced through the flow of the segments."""
+    device = data.segments.points.device
+    random = torch.Generator().manual_seed(config.seed)
+    roots = sample_roots(data.head.to("cpu"), config.strands, random)
+    model = HairModel(config.model, roots, prior.generator, data.head.to("cpu").mesh, random).to(device)
+    if config.initialise == "flow":
+        roots, mesh = roots.to(device), data.head.mesh
+        flow = hair_flow(data.segments, MaskedViews.of(data.capture, device), mesh, roots, config.initial)
+        latents = flow_latents(flow, roots, prior, replace(config.initial.trace, points=config.model.points))
+        model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
+    return model
+
+
+def begin(data: FitData, prior: StrandPrior, config: FitConfig) -> FitState:
+    """A fit at step 0."""
+    return start_fit(first_model(data, prior, config), config)

@@ -1,0 +1,77 @@
+"""The first guess of the shape texture: strands traced through the flow, then encoded by the prior."""
+
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.fitting.masked_views import MaskedViews
+from neural_strands.flow.conservation import ConservationConfig, conserve
+from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions
+from neural_strands.flow.grid import VoxelGrid
+from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
+from neural_strands.flow.tracing import TraceConfig, trace_strands
+from neural_strands.geometry.frames import to_local
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.nearest import nearest
+from neural_strands.prior.vae import StrandPrior
+from neural_strands.raster.texture import sample_texture
+from neural_strands.scalp.roots import Roots
+
+
+@dataclass(frozen=True)
+class InitialConfig:
+    """How first strands are found."""
+
+    flow: FlowConfig = field(default_factory=FlowConfig)
+    """The volume of growth directions."""
+    conservation: ConservationConfig = field(default_factory=ConservationConfig)
+    """How it is made to fill the hair."""
+    hull: HullConfig = field(default_factory=HullConfig)
+    """Where hair can be."""
+    trace: TraceConfig = field(default_factory=TraceConfig)
+    """Streamlines from the scalp."""
+
+
+def hair_flow(segments: LineSegments, views: MaskedViews, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:
+    """Directions and extent of the hair, from segments, masks (where there are any) and the scalp."""
+    known = torch.cat([segments.points, roots.position])
+    grid = VoxelGrid.around(known, config.flow.spacing, config.flow.margin)
+    if views.masked:
+        domain = hair_hull(grid, views, head, config.hull)
+    else:
+        domain = covered_volume(grid, segments.points, head, config.hull)
+    smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow)
+    return conserve(smooth, roots.position, roots.normal, config.hull.head_depth, config.conservation)
+
+
+def flow_latents(
+    field: FlowField, roots: Roots, prior: StrandPrior, config: TraceConfig
+) -> Float[Tensor, "root latent"]:
+    """Trace a strand from every root and encode it."""
+    strands = trace_strands(field, roots.position, roots.normal, config)
+    return prior.encode(to_local(strands, roots.position, roots.frame))
+
+
+def texture_from_latents(
+    uv: Float[Tensor, "root 2"], latents: Float[Tensor, "root latent"], size: int, sweeps: int = 10
+) -> Float[Tensor, "{size} {size} latent"]:
+    """A texture whose bilinear samples at the roots are their latents, and whose gaps hold those of the nearest root.
+
+    Texels start as their nearest root's latent; sweeps of simultaneous algebraic reconstruction (SIRT) then take the
+    samples' error back to the four texels of each root.
+    """
+    places = torch.cartesian_prod(*(2 * [torch.arange(size, device=uv.device)])).flip(-1)
+    centres = (places + 0.5) / size
+    flat = torch.nn.functional.pad(torch.cat([uv, centres.to(uv)]), (0, 1))
+    _, nearest_root = nearest(flat[len(uv) :], flat[: len(uv)], radius=2.0)
+    texture = latents[nearest_root].reshape(size, size, -1).requires_grad_()
+    ones = torch.ones(size, size, 1, device=uv.device, requires_grad=True)
+    share = torch.autograd.grad(sample_texture(ones, uv).sum(), ones)[0].clamp(min=1e-6)
+    for _ in range(sweeps):
+        error = latents - sample_texture(texture, uv)
+        (back,) = torch.autograd.grad((sample_texture(texture, uv) * error.detach()).sum(), texture)
+        texture = (texture + back / share).detach().requires_grad_()
+    return texture.detach()

@@ -1,0 +1,219 @@
+"""The fit: images and segments in, scalp textures and renderer out (paper, "End-to-End Optimization").
+
+Every random choice of a step is drawn from the seed, the step and the place of the view in it, so a fit that is
+resumed, or shared between processes, sees what an unbroken one sees.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import Parameter
+
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.distributed import Workers
+from neural_strands.fitting.first_colours import initialise_colours
+from neural_strands.fitting.fit_data import FitData, random_region
+from neural_strands.fitting.geometry_step import decode_some, shape_losses
+from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
+from neural_strands.fitting.observation import Observation, Place
+from neural_strands.fitting.schedule import appearance_begins, blur_width, rate_factor, released_points
+from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.lines import rasterise_lines
+
+REFRESH_EVERY = 10
+"""Shape steps after which all remembered strands are decoded anew, not only those of the step."""
+
+
+@dataclass
+class FitState:
+    """Where a fit stands and where it began: all that a checkpoint holds.
+
+    Attributes:
+        model: textures, renderer and roots.
+        optimiser: Adam over everything that is learned.
+        remembered: all strands as they were last decoded, `step_points` each.
+        drawn: all strands as images see them, `model.points` each.
+        first: all strands as they began, `step_points` each.
+        step: how many steps are done.
+    """
+
+    model: HairModel
+    optimiser: torch.optim.Adam
+    remembered: Float[Tensor, "root point 3"]
+    drawn: Float[Tensor, "root drawn_point 3"]
+    first: Float[Tensor, "root point 3"]
+    step: int = 0
+
+
+def start_fit(model: HairModel, config: FitConfig) -> FitState:
+    """Begin at step 0 from a model whose shape texture holds the first strands."""
+    rates = config.rates
+    groups = [
+        {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
+        {"params": [model.textures.appearance], "lr": rates.appearance, "rate": rates.appearance},
+        {"params": networks(model), "lr": rates.network, "rate": rates.network},
+        {
+            "params": [model.body.colour, model.background.colour],
+            "lr": rates.surround,
+            "rate": rates.surround,
+        },
+    ]
+    # Texels that only a few pixels see have gradients far below Adam's usual epsilon.
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
+    with torch.no_grad():
+        first = model.decode(config.step_points).points
+        return FitState(model, optimiser, first.clone(), model.decode().points, first)
+
+
+def fit(
+    state: FitState,
+    data: FitData,
+    config: FitConfig,
+    perceptual: Perceptual | None = None,
+    workers: Workers | None = None,
+    after_step: Callable[[FitState, dict[str, float]], None] | None = None,
+) -> None:
+    """Run the remaining steps of a fit, in place.
+
+    Args:
+        state: where to go on from.
+        data: views, segments and head.
+        config: everything else.
+        perceptual: LPIPS or its stand-in; without one the rendering loss is the squared error alone.
+        workers: the processes that share the views of a step.
+        after_step: told the state and the step's figures, to log and to save.
+    """
+    workers = workers or Workers()
+    learned = [parameter for group in state.optimiser.param_groups for parameter in group["params"]]
+    images_from = appearance_begins(config.steps, config.schedule)
+    while state.step < config.steps:
+        began, step = time.perf_counter(), state.step
+        factor = rate_factor(step, config.steps, config.schedule)
+        for group in state.optimiser.param_groups:
+            group["lr"] = group["rate"] * factor
+        state.optimiser.zero_grad(set_to_none=True)
+        with_images = step >= images_from
+        in_turn = config.shape_every > 0 and (step - images_from) % config.shape_every == 0
+        shape_moves = in_turn or not with_images
+        figures: dict[str, Tensor] = {}
+        if step == images_from:
+            _first_colours(state, data, config)
+        if shape_moves:
+            figures |= _shape_part(state, data, config, workers)
+        if with_images:
+            judge = perceptual if step >= config.schedule.perceptual_from * config.steps else None
+            figures |= _image_part(state, data, config, judge, workers, shape_moves)
+        workers.sum_gradients(learned)
+        # One odd crop must not undo the fit.
+        torch.nn.utils.clip_grad_norm_(networks(state.model), config.largest_gradient)
+        state.optimiser.step()
+        state.step = step + 1
+        if shape_moves and (with_images or step % REFRESH_EVERY == 0):
+            _decode_all(state, config)
+        if after_step is not None:
+            # Only here does the host wait for the device: all of the step is in its seconds.
+            numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
+            after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
+
+
+def networks(model: HairModel) -> list[Parameter]:
+    """Weights of the image generator and of the points' shading."""
+    return [*model.unet.parameters(), *model.shading.parameters()]
+
+
+def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
+    """The randomness of one part of one step, the same in every run and process."""
+    return torch.Generator().manual_seed((config.seed * 1_000_003 + step) * 1_009 + place)
+
+
+def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, Tensor]:
+    """Geometric loss and head penalty of some strands; every process computes the same and adds its share."""
+    model, device = state.model, state.remembered.device
+    random = step_generator(config, state.step, 0)
+    index = torch.randperm(len(state.remembered), generator=random)[: config.strands_per_step].to(device)
+    chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
+    blur = blur_width(state.step, config.steps, config.schedule)
+    released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
+    strands = decode_some(model, index, config.step_points, blur, released)
+    losses = shape_losses(strands, index, state.remembered, state.first, data, chosen, config)
+    weights = config.weights
+    total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
+    if config.initialise == "flow":
+        total = total + weights.first * losses.first
+    (total / workers.count).backward()
+    state.remembered[index] = strands.detach()
+    return {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first")}
+
+
+def _image_part(
+    state: FitState,
+    data: FitData,
+    config: FitConfig,
+    perceptual: Perceptual | None,
+    workers: Workers,
+    shape_moves: bool,
+) -> dict[str, Tensor]:
+    """Rendering and alpha losses of this process's share of the step's regions."""
+    model, weights = state.model, config.weights
+    nothing = torch.zeros((), device=state.drawn.device)
+    sums = {"render": nothing, "perceptual": nothing, "alpha": nothing}
+    for place in workers.share(config.views_per_step):
+        random = step_generator(config, state.step, 1 + place)
+        view = int(torch.randint(len(data.capture), (1,), generator=random))
+        target, trimap = random_region(data, view, config.crop, model.config.unet.stride, config.trimap, random)
+        points = state.drawn
+        if shape_moves and weights.shape_from_image > 0:
+            points = _with_gradient(state, target, config)
+        strands = Strands(points, root_uv=model.root_uv)
+        output = model.render(strands, target.camera, config.schedule.appearance_blur)
+        height, width = trimap.alpha.shape
+        inner = Place(0, 0, width, height).without_margin(config.margin).of
+        image, photograph = inner(output.rgb), inner(target.image)
+        parts = {
+            "render": weights.render * rendering_loss(image, photograph),
+            "alpha": weights.alpha * alpha_loss(inner(output.alpha), inner(trimap.alpha), inner(trimap.supervised)),
+        }
+        if perceptual is not None:
+            parts["perceptual"] = weights.render * weights.perceptual * perceptual(image, photograph)
+        (sum(parts.values(), torch.zeros((), device=points.device)) / config.views_per_step).backward()
+        for name, value in parts.items():
+            sums[name] = sums[name] + value.detach() / config.views_per_step
+    return sums
+
+
+def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> Float[Tensor, "root point 3"]:
+    """All strands, those that the view sees decoded with a gradient (scaled) into the shape texture."""
+    model = state.model
+    body = model.body(target.camera)
+    lines = replace(model.lines, width=0.0)
+    seen = rasterise_lines(state.drawn, target.camera, body.depth, lines).segment
+    index = torch.unique(seen[seen >= 0] // (state.drawn.shape[1] - 1))
+    if len(index) == 0:
+        return state.drawn
+    decoded = decode_some(model, index, state.drawn.shape[1], 0.0, 1.0)
+    scaled = decoded.detach() + config.weights.shape_from_image * (decoded - decoded.detach())
+    return state.drawn.index_copy(0, index, scaled)
+
+
+def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
+    """Before the first image step: how wide strands are, and colours in closed form from the pixels that show them."""
+    if config.shape_every > 0:
+        _decode_all(state, config)
+    strands = Strands(state.drawn, root_uv=state.model.root_uv)
+    if config.trimap.mattes:
+        state.model.lines = estimate_width(state.model, strands, data.observations())
+    initialise_colours(state.model, strands, data.observations())
+
+
+@torch.no_grad()
+def _decode_all(state: FitState, config: FitConfig) -> None:
+    """After the shape moved: all strands anew, as images and as the geometric loss see them."""
+    state.drawn = state.model.decode().points
+    pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
+    state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()

@@ -1,0 +1,165 @@
+"""What a fit looks at: the training views one at a time, the line segments, the head."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import training_views
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.losses import OrientedTargets
+from neural_strands.fitting.observation import Observation, random_place
+from neural_strands.fitting.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.scalp.head import Head
+
+FEWEST_VIEWS = 3
+FEWEST_SEGMENT_POINTS = 500
+FARTHEST_FROM_HEAD = 0.25
+"""Median distance in metres from segments to scalp beyond which they cannot be this head's hair."""
+
+
+@dataclass(frozen=True)
+class FitData:
+    """The inputs of a fit, on its device; images stay on disk until a step asks for them.
+
+    Attributes:
+        capture: the training views alone.
+        head: mesh and scalp chart.
+        segments: oriented line segments.
+        targets: their points, indexed for the geometric loss.
+        distance: signed distance to the head, on a grid around the hair.
+    """
+
+    capture: Capture
+    head: Head
+    segments: LineSegments
+    targets: OrientedTargets
+    distance: SignedDistanceGrid
+
+    def observation(self, view: int) -> Observation:
+        """A training view: camera, photograph, hair mask if there is one."""
+        device = self.segments.points.device
+        camera = self.capture.cameras[view].to(device)
+        return Observation(camera, self.capture.image(view, device), self.capture.hair_mask(view, device))
+
+    def observations(self) -> Sequence[Observation]:
+        """All training views, each read when its turn comes."""
+        return _Observations(self)
+
+    def marked(self, target: Observation) -> Bool[Tensor, "height width"]:
+        """Where a view shows hair: its mask or, without one, the rasterised segments."""
+        if target.mask is not None:
+            return target.mask > 0.5
+        return rasterise_lines(segment_lines(self.segments), target.camera).segment >= 0
+
+
+class _Observations(Sequence[Observation]):
+    """The training views as a sequence that holds none of them."""
+
+    def __init__(self, data: FitData) -> None:
+        self._data = data
+
+    def __len__(self) -> int:
+        return len(self._data.capture)
+
+    @overload
+    def __getitem__(self, index: int) -> Observation: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Observation]: ...
+    def __getitem__(self, index: int | slice) -> Observation | Sequence[Observation]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        return self._data.observation(index)
+
+
+def gather_fit_data(
+    capture: Capture, head: Head, segments: LineSegments, config: FitConfig, device: torch.device
+) -> FitData:
+    """Gather what the steps look at.
+
+    Args:
+        capture: all views; those held out are left out here.
+        head: mesh and scalp chart.
+        segments: line segments of the training views, signed from root to tip.
+        config: which views are held out, radii.
+        device: where tensors go.
+
+    Raises:
+        InputError: too few views or segments, or a head far from the hair.
+    """
+    seen = capture.subset(training_views(len(capture), config.hold_out_every))
+    check_inputs(seen, segments, head)
+    segments, head = segments.to(device), head.to(device)
+    grid = PointGrid.build(segments.points, config.chamfer.surface_radius / 2)
+    return FitData(
+        capture=seen,
+        head=head,
+        segments=segments,
+        targets=OrientedTargets(segments.points, segments.directions, grid),
+        distance=SignedDistanceGrid.build(head.mesh),
+    )
+
+
+def random_region(
+    data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
+) -> tuple[Observation, Trimap]:
+    """A random square of a training view about hair, with the alpha that it is held to."""
+    whole = data.observation(view)
+    marked = data.marked(whole)
+    place = random_place(marked, (whole.camera.height, whole.camera.width), side, stride, random)
+    part = whole.cropped(place)
+    if whole.mask is not None:
+        return part, reference_alpha(whole.mask, place, trimap)
+    return part, trimap_of_part(marked, place, trimap)
+
+
+def segment_lines(segments: LineSegments) -> Float[Tensor, "line 2 3"]:
+    """Every two consecutive points of a segment, as a strand of two points."""
+    together = segments.segment_id[1:] == segments.segment_id[:-1]
+    return torch.stack([segments.points[:-1][together], segments.points[1:][together]], dim=1)
+
+
+def check_views(capture: Capture) -> None:
+    """Refuse training views that are too few for any fit.
+
+    Raises:
+        InputError: there are fewer than three.
+    """
+    if len(capture) < FEWEST_VIEWS:
+        raise InputError(
+            f"{capture.folder}: expected at least {FEWEST_VIEWS} training views, came {len(capture)}; "
+            "take more photographs around the head."
+        )
+
+
+def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
+    """Refuse what no fit can come of.
+
+    Raises:
+        InputError: too few views or segments, or segments that are not this head's hair.
+    """
+    check_views(capture)
+    if len(segments) < FEWEST_SEGMENT_POINTS:
+        raise InputError(
+            f"{capture.folder}: expected {FEWEST_SEGMENT_POINTS} segment points or more, came {len(segments)}; "
+            "check focus, masks and cameras with `neural-strands check`."
+        )
+    scalp = head.mesh.vertices[head.mesh.faces[head.scalp_faces]].mean(dim=1)
+    sample = segments.points[:: max(1, len(segments) // 2000)]
+    distance = float(torch.cdist(sample, scalp).amin(dim=1).median())
+    if not distance < FARTHEST_FROM_HEAD:
+        raise InputError(
+            f"{capture.folder}: expected hair within {FARTHEST_FROM_HEAD:g} m of the scalp, came a median of "
+            f"{distance:.2f} m; the head is not in the frame of these cameras: align or scale it."
+        )

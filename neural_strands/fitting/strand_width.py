@@ -1,0 +1,61 @@
+"""How wide strands are drawn: the width whose coverage is most like the photographs' mattes.
+
+Strands drawn too thin let what lies behind them show, too wide they hide it; either way the colours that images teach
+them are wrong. Masks know better: round every lock that stands off, they tell how much light passes between strands.
+How strands thin towards their tips is not asked: strands that lie a little beside the true ones match mattes better
+the fainter they end, whether the true ones do or not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+
+from neural_strands.fitting.observation import Observation
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import drawn_share
+from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.lines import LineConfig, rasterise_lines
+
+WIDTHS = tuple(1e-4 * 2 ** (step / 2) for step in range(-1, 7))
+"""Widths that are tried first, metres: 0.07 to 0.8 mm."""
+FINER = 2**0.25
+"""Then this much less and more than the best."""
+VIEWS = 4
+"""Views that are asked."""
+
+
+@torch.no_grad()
+def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> LineConfig:
+    """Choose the width by the squared difference between coverage and hair masks.
+
+    Args:
+        model: says how finely lines are drawn, how they thin to their tips, and what hides them.
+        strands: world metres.
+        targets: photographs; those without a mask are not asked.
+
+    Returns:
+        How to draw strands; as the model does now where there is no mask, or none of the widths does better.
+    """
+    pick = torch.linspace(0, len(targets) - 1, min(VIEWS, len(targets))).round().long().tolist()
+    masked = [(target, target.mask) for target in (targets[index] for index in pick) if target.mask is not None]
+    if not masked:
+        return model.lines
+    factor = model.config.supersample
+    fine = [t.camera.resized(t.camera.width * factor, t.camera.height * factor) for t, _ in masked]
+    hidden_by = [model.body(camera).depth for camera in fine]
+
+    def misfit(lines: LineConfig) -> float:
+        total = 0.0
+        for (_, mask), camera, depth in zip(masked, fine, hidden_by, strict=True):
+            coverage = drawn_share(rasterise_lines(strands.points, camera, depth, lines), factor)
+            total += float((coverage - mask).square().mean())
+        return total
+
+    found = {lines: misfit(lines) for lines in (replace(model.lines, width=width) for width in WIDTHS)}
+    best = min(found, key=lambda lines: found[lines])
+    for width in (best.width / FINER, best.width * FINER):
+        lines = replace(model.lines, width=width)
+        found[lines] = misfit(lines)
+    found[model.lines] = misfit(model.lines)
+    return min(found, key=lambda lines: found[lines])

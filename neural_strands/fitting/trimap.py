@@ -1,0 +1,74 @@
+"""Where the alpha map is known: sure hair, sure emptiness, and an unsupervised band (paper, "Alpha Loss")."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn import functional
+
+from neural_strands.fitting.observation import Place
+
+
+@dataclass(frozen=True)
+class TrimapConfig:
+    """Sizes of the morphological steps, for an image of any size."""
+
+    dilation: float = 0.008
+    """Radius by which the mask grows before what lies outside counts as empty, as a fraction of the diagonal."""
+    erosion: float = 0.012
+    """Radius by which the grown mask shrinks before what is left counts as opaque, as the same fraction."""
+    mattes: bool = True
+    """A capture's hair masks say how much of a pixel is hair, and are taken as such; otherwise they make trimaps."""
+
+
+@dataclass(frozen=True)
+class Trimap:
+    """Reference alpha and where it holds.
+
+    Attributes:
+        alpha: 1 in the interior, 0 elsewhere; or a matte.
+        supervised: the interior and the exterior, false in the band between; or, of a matte, everything.
+    """
+
+    alpha: Float[Tensor, "height width"]
+    supervised: Bool[Tensor, "height width"]
+
+
+def reference_alpha(mask: Float[Tensor, "height width"], place: Place, config: TrimapConfig) -> Trimap:
+    """What a part of a view with a hair mask is held to."""
+    if not config.mattes:
+        return trimap_of_part(mask > 0.5, place, config)
+    matte = place.of(mask)
+    return Trimap(matte, torch.ones_like(matte, dtype=torch.bool))
+
+
+def make_trimap(lines: Bool[Tensor, "height width"], config: TrimapConfig | None = None) -> Trimap:
+    """Dilate the rasterised line segments, then erode: outside the first is empty, inside the second opaque."""
+    height, width = lines.shape
+    return trimap_of_part(lines, Place(0, 0, width, height), config)
+
+
+def trimap_of_part(lines: Bool[Tensor, "height width"], place: Place, config: TrimapConfig | None = None) -> Trimap:
+    """What `make_trimap` says of a part of the image, from that part and as much around it as discs reach."""
+    config = config or TrimapConfig()
+    diagonal = (lines.shape[0] ** 2 + lines.shape[1] ** 2) ** 0.5
+    grow, shrink = round(config.dilation * diagonal), round(config.erosion * diagonal)
+    first, second = max(grow // 2, 1), grow // 2 + shrink
+    around = max(grow, first + second)
+    top, left = max(place.top - around, 0), max(place.left - around, 0)
+    lines = lines[top : place.top + place.height + around, left : place.left + place.width + around]
+    covered = dilate(lines, grow)
+    interior = ~dilate(~dilate(lines, first), second)
+    part = Place(place.left - left, place.top - top, place.width, place.height).of
+    return Trimap(part(interior).to(torch.float32), part(interior | ~covered))
+
+
+def dilate(mask: Bool[Tensor, "height width"], radius: int) -> Bool[Tensor, "height width"]:
+    """Grow a mask by a disc of `radius` pixels; what lies beyond the border is empty."""
+    if radius < 1:
+        return mask
+    offsets = torch.arange(-radius, radius + 1, device=mask.device)
+    disc = (offsets[:, None].square() + offsets[None].square() <= radius * radius).to(torch.float32)
+    hits = functional.conv2d(mask[None, None].to(torch.float32), disc[None, None], padding=radius)
+    return hits[0, 0] > 0.5

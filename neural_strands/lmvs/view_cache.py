@@ -1,0 +1,117 @@
+"""What is computed of each view, kept on disk between stages so that memory does not grow with the number of views."""
+
+import logging
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from neural_strands.foundation.files import atomic_file
+from neural_strands.lmvs.features import Features, view_features
+from neural_strands.lmvs.orientation import OrientationConfig
+from neural_strands.lmvs.patchmatch import LineMap
+from neural_strands.lmvs.views import View
+
+log = logging.getLogger(__name__)
+
+KEPT = 12
+"""Views whose arrays stay in memory: a reference, its eight neighbours, and some that the next reference shares."""
+LEAST_CONFIDENCE = 0.02
+"""A view whose hair shows less mean confidence of orientation is left out."""
+LEAST_HAIR = 64
+"""A view with fewer pixels of hair is left out."""
+
+
+class ViewCache:
+    """Per-view results in a folder, the latest few in memory."""
+
+    def __init__(self, folder: Path, views: Sequence[View], config: OrientationConfig) -> None:
+        """Use `folder`; what it holds of these views is used again (see `keep_only`)."""
+        self.folder, self.views, self.config = folder, views, config
+        self._features: OrderedDict[int, Features] = OrderedDict()
+        self._lines: OrderedDict[int, LineMap] = OrderedDict()
+
+    def keep_only(self, digest: str) -> None:
+        """Keep what the folder holds if it was made of the same inputs; else say so and remove it."""
+        path = self.folder / "inputs.txt"
+        if path.is_file() and path.read_text() == digest:
+            return
+        stale = [*self.folder.glob("features_*.npz"), *self.folder.glob("lines_*.npz")]
+        if stale:
+            log.warning("%s: made of other photographs or settings; every view is computed again.", self.folder)
+        for old in stale:
+            old.unlink()
+        with atomic_file(path) as temporary:
+            temporary.write_text(digest)
+
+    def prepare(self, index: int) -> bool:
+        """Compute and store a view's features; False, with a warning, where it shows no hair."""
+        features = self.features(index)
+        fault = None
+        if int(features.hair.sum()) < LEAST_HAIR:
+            fault = "no hair found in this view"
+        elif float(features.texture[features.hair][:, 2].mean()) < LEAST_CONFIDENCE:
+            fault = "no texture where the hair should be (a black, saturated or empty image)"
+        if fault is not None:
+            log.warning("%s: %s; the view is left out.", self.views[index].camera.name or f"view {index}", fault)
+        return fault is None
+
+    def features(self, index: int) -> Features:
+        """A view's features, from memory, from disk, or computed."""
+        if index not in self._features:
+            path = self._path(index, "features")
+            if path.is_file():
+                with np.load(path) as stored:
+                    arrays = {name: torch.from_numpy(stored[name]).to(self._device(index)) for name in stored.files}
+                features = Features(
+                    self.views[index].camera, arrays["texture"].float(), arrays["hair"], arrays["silhouette"]
+                )
+            else:
+                view = self.views[index]
+                mask = None if view.load_mask is None else view.load_mask()
+                features, _ = view_features(view.camera, view.load_image(), mask, self.config)
+                with atomic_file(path) as temporary:
+                    np.savez(
+                        temporary,
+                        texture=features.texture.half().cpu().numpy(),
+                        hair=features.hair.cpu().numpy(),
+                        silhouette=features.silhouette.cpu().numpy(),
+                    )
+            self._features[index] = features
+        self._features.move_to_end(index)
+        while len(self._features) > KEPT:
+            self._features.popitem(last=False)
+        return self._features[index]
+
+    def has_lines(self, index: int) -> bool:
+        """Whether a view's lines are stored."""
+        return self._path(index, "lines").is_file()
+
+    def save_lines(self, index: int, lines: LineMap) -> None:
+        """Store a view's lines."""
+        with atomic_file(self._path(index, "lines")) as temporary:
+            np.savez(temporary, **{name: getattr(lines, name).cpu().numpy() for name in LineMap.__annotations__})
+        self._lines[index] = lines
+
+    def lines(self, index: int) -> LineMap:
+        """A view's lines, from memory or disk."""
+        if index not in self._lines:
+            with np.load(self._path(index, "lines")) as stored:
+                self._lines[index] = LineMap(
+                    **{name: torch.from_numpy(stored[name]).to(self._device(index)) for name in LineMap.__annotations__}
+                )
+        self._lines.move_to_end(index)
+        while len(self._lines) > KEPT:
+            self._lines.popitem(last=False)
+        return self._lines[index]
+
+    def _device(self, index: int) -> torch.device:
+        """Where a view is worked on."""
+        return self.views[index].camera.intrinsics.device
+
+    def _path(self, index: int, kind: str) -> Path:
+        name = self.views[index].camera.name or f"{index:04d}"
+        safe = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
+        return self.folder / f"{kind}_{index:04d}_{safe}.npz"

@@ -1,0 +1,1 @@
+"""Training of the strand prior: curves, losses, schedule."""

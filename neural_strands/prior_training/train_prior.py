@@ -1,0 +1,287 @@
+"""Training of the strand prior (paper, "Training / Strand Generator").
+
+The default runs in three stages: a closed-form start from the curves (`prior.whiten`); the synthesiser's sines, by the
+error that the analysis leaves; then the modulator, by the likelihood of the curves' latents under N(0, I), and the CNN,
+by the error of strands decoded from noisy latents with the KL term. The `paper` preset trains everything at once from a
+random start with the paper's losses. Every random number is a function of seed and step, so a resumed run repeats the
+bits of one that was never stopped.
+"""
+
+import json
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file, tensor_bytes
+from neural_strands.foundation.progress import progress_bar
+from neural_strands.prior.analysis import analyse
+from neural_strands.prior.curves import CurveConfig, synthetic_curves
+from neural_strands.prior.vae import StrandPrior, save_prior
+from neural_strands.prior.whiten import start_from_curves, white_from_curves
+from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, check_config
+from neural_strands.prior_training.curve_stream import CurveStream, seeded
+from neural_strands.prior_training.losses import (
+    absolute_loss,
+    gaussian_likelihood,
+    kl_divergence,
+    paper_loss,
+    relative_loss,
+    turn_loss,
+)
+
+HELD_OUT = 512
+"""Curves, never trained on, whose error the progress bar shows."""
+NOISY = 32
+"""Curves of a batch that are also decoded from noisy latents in the default's last stage."""
+
+
+@dataclass
+class _Run:
+    """Everything that a checkpoint holds."""
+
+    prior: StrandPrior
+    optimiser: torch.optim.Optimizer
+    stage: int = 0
+    step: int = 0
+
+
+def train_prior(
+    out: Path,
+    config: TrainPriorConfig,
+    *,
+    seed: int = 0,
+    minutes: float | None = None,
+    resume: bool = False,
+    own: Float[Tensor, "strand 100 3"] | None = None,
+    device: torch.device | str = "cpu",
+    notes: dict[str, str] | None = None,
+) -> StrandPrior:
+    """Train a prior and write its weights to `out` (safetensors), a checkpoint and a log beside it.
+
+    Args:
+        out: where the weights go; they are written at every checkpoint.
+        config: sizes, losses, steps.
+        seed: of all randomness.
+        minutes: wall time after which training stops early (resume goes on from there).
+        resume: continue from the checkpoint beside `out`.
+        own: the user's strands in local metres, added to the synthetic curves.
+        device: where to train.
+        notes: how the weights are made, kept in the file.
+
+    Raises:
+        InputError: a configuration that cannot be trained, nothing to resume, a checkpoint of another configuration or
+            seed, or losses that are not finite.
+    """
+    check_config(config)
+    began = time.monotonic()
+    described = json.dumps({"config": asdict(config), "seed": seed}, sort_keys=True)
+    weights = seeded(seed, 2)
+    prior = _initialised(config, weights).to(device)
+    stream = CurveStream(seed, config.curves, own, config.own_share, config.steps_a_chunk, lambda curves: curves[:, :0])
+    held_out = held_out_curves(seed, config.curves).to(device)
+    checkpoint = out.with_suffix(".checkpoint.pt")
+    run = _Run(prior, _optimiser(prior, config, 0))
+    if resume:
+        _load_checkpoint(checkpoint, run, config, described)
+    elif config.start_curves:
+        start_from_curves(prior.generator, stream.draw(config.start_curves, 4).to(device), config.encoder.refine)
+    saved = began
+    with progress_bar() as bar:
+        task = bar.add_task("train-prior", total=sum(config.stages))
+        for losses in _steps(run, config, stream, torch.device(device)):
+            done = run.step + sum(config.stages[: run.stage])
+            late = minutes is not None and time.monotonic() - began > 60 * minutes
+            if late or time.monotonic() - saved > config.checkpoint_seconds:
+                error = held_out_error(prior, held_out)
+                bar.update(task, description=f"train-prior, held-out error {error:.3f} mm")
+                _save(out, checkpoint, run, described, notes or {})
+                _log(out, run, {**losses, "held_out_mm": error, "seconds": round(time.monotonic() - began, 1)})
+                saved = time.monotonic()
+            bar.update(task, completed=done)
+            if late:
+                return prior
+    _save(out, checkpoint, run, described, notes or {})
+    final = {"held_out_mm": held_out_error(prior, held_out), "seconds": round(time.monotonic() - began, 1)}
+    _log(out, run, final)
+    return prior
+
+
+def held_out_curves(seed: int, config: CurveConfig) -> Float[Tensor, "strand 100 3"]:
+    """Synthetic curves that a run with this seed never trains on."""
+    return synthetic_curves(HELD_OUT, seeded(seed, 3), config)
+
+
+@torch.no_grad()
+def held_out_error(prior: StrandPrior, curves: Float[Tensor, "strand point 3"]) -> float:
+    """Mean point error of encoded and decoded curves, millimetres."""
+    return 1000 * float((prior.decode(prior.encode(curves)) - curves).norm(dim=-1).mean())
+
+
+def _steps(
+    run: _Run, config: TrainPriorConfig, stream: CurveStream, device: torch.device
+) -> Iterator[dict[str, float]]:
+    """Take the steps that are left, giving the losses of each."""
+    prior = run.prior
+    if run.stage == 0:
+        while run.step < config.stages[0]:
+            curves, _ = stream.batch(run.step, config.batch // 2)
+            loss = _sine_loss(prior, curves.to(device), config.loss)
+            yield _advance(run, {"data": loss}, config.stages[0])
+        if config.start_curves:
+            white_from_curves(prior.generator, stream.draw(config.start_curves, 4).to(device), config.encoder.refine)
+        run.stage, run.step, run.optimiser = 1, 0, _optimiser(prior, config, 1)
+    closed = config.encoder.analysis
+
+    def raw_quantities(curves: Tensor) -> Tensor:
+        return analyse(prior.generator, curves.to(device), config.encoder.refine).flat()
+
+    stream = replace(stream, prepare=raw_quantities if closed else stream.prepare, seed=stream.seed + 1)
+    while run.step < config.steps:
+        curves, raw = stream.batch(run.step, config.batch)
+        noise_size = min(NOISY, config.batch) if closed else config.batch
+        noise = torch.randn(noise_size, config.generator.latent, generator=seeded(stream.seed, 5, run.step))
+        losses = _vae_losses(prior, curves[:noise_size].to(device), noise.to(device), config.loss)
+        if closed:
+            losses["likelihood"] = gaussian_likelihood(*prior.generator.latent(raw))
+        yield _advance(run, losses, config.steps)
+
+
+def _sine_loss(
+    prior: StrandPrior, curves: Float[Tensor, "strand point 3"], weights: PriorLossConfig
+) -> Float[Tensor, ""]:
+    """Error that the closed-form analysis leaves; its gradient reaches the sines (the amplitudes are already best)."""
+    generator = prior.generator
+    raw = analyse(generator, curves, prior.encoder.config.refine)
+    return _data_loss(generator.synthesiser(generator.modulations(raw), curves.shape[1]), curves, weights)
+
+
+def _vae_losses(
+    prior: StrandPrior,
+    curves: Float[Tensor, "strand point 3"],
+    noise: Float[Tensor, "strand latent"],
+    weights: PriorLossConfig,
+) -> dict[str, Tensor]:
+    """Data and KL terms of strands decoded from sampled latents."""
+    decoded, mean, log_std = prior(curves, noise)
+    kl = weights.kl * kl_divergence(mean, log_std, weights.free_bits)
+    return {"data": _data_loss(decoded, curves, weights), "kl": kl}
+
+
+def _data_loss(
+    decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], weights: PriorLossConfig
+) -> Float[Tensor, ""]:
+    """Data term of the configured kind, and the weighted error of turns where there is a weight."""
+    if weights.kind == "relative":
+        data = relative_loss(decoded, true)
+    else:
+        measure = paper_loss if weights.kind == "paper" else absolute_loss
+        data = measure(decoded, true, weights.direction)
+    return data + weights.curvature * turn_loss(decoded, true) if weights.curvature else data
+
+
+def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, float]:
+    """One optimiser step at the cosine schedule's learning rate.
+
+    Raises:
+        InputError: a loss is not finite.
+    """
+    total = torch.stack(list(losses.values()))
+    values = dict(zip(losses, total.tolist(), strict=True))
+    if not all(math.isfinite(value) for value in values.values()):
+        raise InputError(
+            f"training: expected finite losses at step {run.step}, found {values}; lower the learning rate and go on "
+            "from the last checkpoint, or start anew."
+        )
+    for group in run.optimiser.param_groups:
+        group["lr"] = group["highest"] * learning_rate(run.step, steps)
+    run.optimiser.zero_grad(set_to_none=True)
+    total.sum().backward()
+    parameters = [value for group in run.optimiser.param_groups for value in group["params"]]
+    torch.nn.utils.clip_grad_norm_(parameters, 5.0)
+    run.optimiser.step()
+    run.step += 1
+    return values
+
+
+def learning_rate(step: int, steps: int, warm: int = 100) -> float:
+    """Share of the highest learning rate: a linear rise, then half a cosine down to zero."""
+    rise = min(1.0, (step + 1) / warm)
+    return rise * 0.5 * (1 + float(torch.cos(torch.tensor(torch.pi * step / max(steps, 1)))))
+
+
+def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torch.optim.Optimizer:
+    """What each stage trains: the sines; then modulator and CNN; or all at once (the paper).
+
+    Only the closed-form analysis needs the sines and the linear map to stay as they are in the last stage.
+    """
+    if not config.start_curves or (stage == 1 and not config.encoder.analysis):
+        chosen, rate = list(prior.parameters()), config.learning_rate
+    elif stage == 0:
+        chosen, rate = list(prior.generator.synthesiser.parameters()), config.sine_learning_rate
+    else:
+        chosen = [*prior.generator.modulator.parameters(), *prior.encoder.parameters()]
+        rate = config.learning_rate
+    return torch.optim.Adam([{"params": chosen, "lr": rate, "highest": rate}])
+
+
+def _initialised(config: TrainPriorConfig, generator: torch.Generator) -> StrandPrior:
+    """A prior whose random weights come from the generator: uniform within 1/sqrt(inputs), as torch's own."""
+    prior = StrandPrior(config.generator, config.encoder)
+    with torch.no_grad():
+        for module in prior.modules():
+            if isinstance(module, torch.nn.Linear | torch.nn.Conv1d) and module.weight.abs().max() > 0:
+                bound = module.weight[0].numel() ** -0.5
+                module.weight.uniform_(-bound, bound, generator=generator)
+                if module.bias is not None:
+                    module.bias.uniform_(-bound, bound, generator=generator)
+    return prior
+
+
+def _save(out: Path, checkpoint: Path, run: _Run, described: str, notes: dict[str, str]) -> None:
+    """Write the checkpoint and the weights; each is whole at any moment."""
+    state = {
+        "described": described,
+        "stage": run.stage,
+        "step": run.step,
+        "prior": run.prior.state_dict(),
+        "optimiser": run.optimiser.state_dict(),
+    }
+    with atomic_file(checkpoint) as temporary:
+        temporary.write_bytes(tensor_bytes(state))
+    save_prior(run.prior, out, {**notes, "training": described, "stage": str(run.stage), "step": str(run.step)})
+
+
+def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described: str) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: expected a checkpoint to resume from, found no file; train without --resume first.")
+    try:
+        # Adam counts its steps on the CPU; its moments follow the weights to their device.
+        state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
+        same = state["described"] == described
+    except (RuntimeError, KeyError, EOFError, OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: expected a whole checkpoint, found something else; train without --resume."
+        ) from error
+    if not same:
+        raise InputError(
+            f"{path}: the checkpoint was made with another configuration or seed; repeat those or drop --resume."
+        )
+    run.stage, run.step = state["stage"], state["step"]
+    run.prior.load_state_dict(state["prior"])
+    run.optimiser = _optimiser(run.prior, config, run.stage)
+    run.optimiser.load_state_dict(state["optimiser"])
+
+
+def _log(out: Path, run: _Run, values: dict[str, float]) -> None:
+    """Append one line to the run's log."""
+    line = json.dumps({"stage": run.stage, "step": run.step, **values})
+    with out.with_suffix(".log.jsonl").open("a") as file:
+        file.write(line + "\n")

@@ -1,0 +1,143 @@
+"""Warp kernels of the triangle rasteriser (see `triangles` for the rule they follow).
+
+Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+from neural_strands.raster.kernels.keys import key_depth, key_index, make_key
+
+TOLERANCE = wp.constant(1.0e-6)
+"""How far outside a triangle (barycentric) a pixel still counts, so that rounding opens no cracks."""
+
+
+@wp.func
+@no_type_check
+def corner(projection: wp.mat44, vertices: wp.array[wp.vec3], faces: wp.array[wp.vec3i], face: int, k: int) -> wp.vec3:
+    """One corner of a face in homogeneous pixels (x * depth, y * depth, depth)."""
+    point = vertices[faces[face][k]]
+    moved = projection @ wp.vec4(point[0], point[1], point[2], 1.0)
+    return wp.vec3(moved[0], moved[1], moved[2])
+
+
+@wp.func
+@no_type_check
+def grow(box: wp.vec4, point: wp.vec3) -> wp.vec4:
+    """Extend a box (least x, least y, greatest x, greatest y) to the projection of a point."""
+    x = point[0] / point[2]
+    y = point[1] / point[2]
+    return wp.vec4(wp.min(box[0], x), wp.min(box[1], y), wp.max(box[2], x), wp.max(box[3], y))
+
+
+@wp.func
+@no_type_check
+def grow_edge(box: wp.vec4, a: wp.vec3, b: wp.vec3, near: float) -> wp.vec4:
+    """Extend a box to the first end of an edge and to where the edge crosses the near plane."""
+    grown = box
+    if a[2] > near:
+        grown = grow(grown, a)
+    if (a[2] > near) != (b[2] > near):
+        grown = grow(grown, wp.lerp(a, b, (near - a[2]) / (b[2] - a[2])))
+    return grown
+
+
+@wp.func
+@no_type_check
+def cross_2d(a: wp.vec3, b: wp.vec3) -> float:
+    """Cross product of the first two components."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@wp.func
+@no_type_check
+def weights_at(a: wp.vec3, b: wp.vec3, c: wp.vec3, x: float, y: float) -> wp.vec3:
+    """Barycentric coordinates of a pixel up to a common factor (zero edge-on), from corners in homogeneous pixels.
+
+    The pixel is moved to the origin first: that keeps float32 exact enough near silhouettes.
+    """
+    a_moved = wp.vec3(a[0] - x * a[2], a[1] - y * a[2], 0.0)
+    b_moved = wp.vec3(b[0] - x * b[2], b[1] - y * b[2], 0.0)
+    c_moved = wp.vec3(c[0] - x * c[2], c[1] - y * c[2], 0.0)
+    return wp.vec3(cross_2d(b_moved, c_moved), cross_2d(c_moved, a_moved), cross_2d(a_moved, b_moved))
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def draw_triangles(
+    vertices: wp.array[wp.vec3],
+    faces: wp.array[wp.vec3i],
+    projections: wp.array[wp.mat44],
+    near: float,
+    width: int,
+    first_row: int,
+    last_row: int,
+    stripes: int,
+    keys: wp.array[wp.int64],
+) -> None:
+    """Draw every `stripes`-th row of one face among the rows [first_row, last_row)."""
+    item = wp.tid()
+    face = item // stripes
+    a = corner(projections[0], vertices, faces, face, 0)
+    b = corner(projections[0], vertices, faces, face, 1)
+    c = corner(projections[0], vertices, faces, face, 2)
+    box = wp.vec4(float(width), float(last_row), 0.0, float(first_row))
+    box = grow_edge(box, a, b, near)
+    box = grow_edge(box, b, c, near)
+    box = grow_edge(box, c, a, near)
+    left = int(wp.ceil(wp.clamp(box[0], 0.0, float(width)) - 0.501))
+    right = int(wp.floor(wp.clamp(box[2], 0.0, float(width)) + 0.501))
+    top = int(wp.ceil(wp.clamp(box[1], float(first_row), float(last_row)) - 0.501))
+    bottom = int(wp.floor(wp.clamp(box[3], float(first_row), float(last_row)) + 0.501))
+    if not wp.isfinite(box[0] + box[1] + box[2] + box[3] + a[2] + b[2] + c[2]):
+        return
+    for row in range(wp.max(top, first_row) + item - face * stripes, wp.min(bottom, last_row), stripes):
+        for column in range(wp.max(left, 0), wp.min(right, width)):
+            weights = weights_at(a, b, c, float(column) + 0.5, float(row) + 0.5)
+            total = weights[0] + weights[1] + weights[2]
+            if total < 0.0:
+                weights = -weights
+                total = -total
+            if total > 0.0 and wp.min(wp.min(weights[0], weights[1]), weights[2]) >= -TOLERANCE * total:
+                depth = (weights[0] * a[2] + weights[1] * b[2] + weights[2] * c[2]) / total
+                if depth > near:
+                    key = make_key(depth, face)
+                    pixel = row * width + column
+                    if key < keys[pixel]:
+                        wp.atomic_min(keys, pixel, key)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def resolve_triangles(
+    first: int,
+    keys: wp.array[wp.int64],
+    vertices: wp.array[wp.vec3],
+    faces: wp.array[wp.vec3i],
+    projections: wp.array[wp.mat44],
+    width: int,
+    face: wp.array[wp.int64],
+    barycentric: wp.array[wp.vec3],
+    depth: wp.array[float],
+) -> None:
+    """Recover a pixel's face, depth and barycentric coordinates from its key."""
+    pixel = first + wp.tid()
+    key = keys[pixel]
+    index = key_index(key)
+    face[pixel] = index
+    if index < wp.int64(0):
+        depth[pixel] = wp.inf
+        return
+    depth[pixel] = key_depth(key)
+    a = corner(projections[0], vertices, faces, int(index), 0)
+    b = corner(projections[0], vertices, faces, int(index), 1)
+    c = corner(projections[0], vertices, faces, int(index), 2)
+    row = pixel // width
+    weights = weights_at(a, b, c, float(pixel - row * width) + 0.5, float(row) + 0.5)
+    weights = weights / (weights[0] + weights[1] + weights[2])
+    weights = wp.max(weights, wp.vec3(0.0, 0.0, 0.0))
+    barycentric[pixel] = weights / (weights[0] + weights[1] + weights[2])

@@ -1,0 +1,188 @@
+"""Evaluation of a finished or stopped fit: figures, and the report page."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.capture.capture import Capture
+from neural_strands.evaluation.geometry_metrics import (
+    THRESHOLDS,
+    GeometryScore,
+    HeadFit,
+    fit_to_head,
+    score_geometry,
+)
+from neural_strands.evaluation.held_out import ViewQuality, view_qualities
+from neural_strands.evaluation.lpips import find_lpips
+from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
+from neural_strands.evaluation.timing import time_function
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.strands import Strands
+from neural_strands.lmvs.files import load_segments
+from neural_strands.model.files import load_hair_model
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.hair_volume import hair_volume
+from neural_strands.scalp.head import Head
+from neural_strands.capture.hold_out import held_out_views, training_views
+from neural_strands.runs.run_fit import find_head
+from neural_strands.runs.run_folder import RunFolder, read_description
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All figures of a run, and what its pictures need.
+
+    Attributes:
+        ours: strands against the ground truth, if there is one.
+        lmvs: segments against the ground truth.
+        head_fit: how the strands sit on the head.
+        views: held-out views; training views where none was held out.
+        held_out: whether `views` were held out.
+        decode_ms: milliseconds to decode all strands.
+        render_ms: milliseconds to render one view of decoded strands.
+        lpips_absent: why LPIPS is absent, or empty.
+    """
+
+    ours: tuple[GeometryScore, ...]
+    lmvs: tuple[GeometryScore, ...]
+    head_fit: HeadFit | None
+    views: list[ViewQuality]
+    held_out: bool
+    decode_ms: float
+    render_ms: float
+    lpips_absent: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """What `--json` prints: percent, dB, milliseconds."""
+        result: dict[str, Any] = {
+            "held_out_views": {
+                "held_out": self.held_out,
+                "count": len(self.views),
+                "psnr": mean_of([view.psnr for view in self.views]),
+                "ssim": mean_of([view.ssim for view in self.views]),
+                "lpips": mean_of([view.lpips for view in self.views if view.lpips is not None]),
+            },
+            "milliseconds": {"decode": self.decode_ms, "render": self.render_ms},
+        }
+        for name, scores in (("strands", self.ours), ("lmvs", self.lmvs)):
+            result[name] = {
+                score.threshold.name: {
+                    **score.unsigned.as_dict(),
+                    "strand_consistency": score.strand_consistency,
+                    "signed": score.signed.as_dict(),
+                }
+                for score in scores
+            }
+        if self.head_fit is not None:
+            result["inside_head_percent"] = self.head_fit.inside
+        return result
+
+
+@dataclass(frozen=True)
+class RunContents:
+    """A run as it lies on disk.
+
+    Attributes:
+        folder: where.
+        capture: all its views.
+        head: mesh and scalp.
+        model: what renders.
+        segments: line segments that the fit used.
+        strands: decoded once.
+        shown: indices of the views that are judged.
+        held_out: whether those were held out.
+    """
+
+    folder: RunFolder
+    capture: Capture
+    head: Head
+    model: HairModel
+    segments: LineSegments
+    strands: Strands
+    shown: list[int]
+    held_out: bool
+
+
+def open_run(path: Path, device: torch.device) -> RunContents:
+    """Read a run.
+
+    Raises:
+        InputError: a part is missing or broken.
+    """
+    folder = RunFolder(path)
+    described = read_description(folder)
+    capture = Capture.load(Path(described.capture))
+    head = find_head(capture, Path(described.head) if described.head else None).to(device)
+    model = load_hair_model(folder.model, device)
+    with torch.no_grad():
+        strands = model.decode()
+    held = held_out_views(len(capture), described.config.hold_out_every)
+    shown = held or training_views(len(capture), described.config.hold_out_every)
+    segments = load_segments(folder.segments).to(device)
+    return RunContents(folder, capture, head, model, segments, strands, shown, bool(held))
+
+
+def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
+    """Compute every figure of a run."""
+    truth = run.capture.ground_truth
+    ours: tuple[GeometryScore, ...] = ()
+    lmvs: tuple[GeometryScore, ...] = ()
+    mine = sample_strands(run.strands.points)
+    if truth is not None:
+        true_points = sample_strands(truth.points.to(device))
+        ours = score_geometry(mine, true_points, THRESHOLDS)
+        lmvs = score_geometry(sample_segments(run.segments), true_points, THRESHOLDS, with_consistency=False)
+    metric, absent = find_lpips("squeeze", device)
+    views = view_qualities(run.model, run.strands, (_view(run, index, device) for index in run.shown), metric)
+    camera = run.capture.cameras[run.shown[0]].to(device)
+    volume = hair_volume(run.strands.points)
+    with torch.no_grad():
+        decode = time_function(run.model.decode, device, runs=3)
+        render = time_function(lambda: run.model.render(run.strands, camera, volume=volume), device, runs=3)
+    return Evaluation(
+        ours=ours,
+        lmvs=lmvs,
+        head_fit=fit_to_head(mine, run.head.mesh, run.head.scalp_faces),
+        views=views,
+        held_out=run.held_out,
+        decode_ms=1e3 * decode.median,
+        render_ms=1e3 * render.median,
+        lpips_absent=absent,
+    )
+
+
+def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
+    """Loss curves of a run's log, thinned to at most 400 averages each; empty without a log."""
+    if not path.is_file():
+        return {}
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    names = {name for row in rows for name in row} - {"step", "seconds"}
+    width = max(1, math.ceil(len(rows) / 400))
+    series: dict[str, list[tuple[float, float]]] = {}
+    for name in sorted(names):
+        points = [(row["step"], row[name]) for row in rows if name in row]
+        blocks = [points[start : start + width] for start in range(0, len(points), width)]
+        series[name] = [(block[-1][0], sum(y for _, y in block) / len(block)) for block in blocks]
+    return series
+
+
+def mean_of(values: list[float]) -> float | None:
+    """Mean, or None of nothing."""
+    return sum(values) / len(values) if values else None
+
+
+def _view(
+    run: RunContents, index: int, device: torch.device
+) -> tuple[Any, Float[Tensor, "height width 3"], Float[Tensor, "height width"] | None]:
+    mask = run.capture.hair_mask(index)
+    return (
+        run.capture.cameras[index].to(device),
+        run.capture.image(index).to(device),
+        None if mask is None else mask.to(device),
+    )

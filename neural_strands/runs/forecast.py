@@ -1,0 +1,101 @@
+"""What a fit will cost, told before the hours are spent: a few steps on a stand-in, timed."""
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from neural_strands.capture.capture import Capture
+from neural_strands.evaluation.timing import peak_memory
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.prior.vae import StrandPrior
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.roots import sample_roots
+from neural_strands.fitting.fit import fit
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.losses import Perceptual
+from neural_strands.fitting.fit_data import gather_fit_data
+from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.schedule import appearance_begins
+
+STAND_IN_POINTS = 20_000
+STAND_IN_HEIGHT = 0.01
+"""The stand-in's segments lie this far above the scalp, metres."""
+STEREO_SECONDS = 25.0
+"""Line-based multi-view stereo, seconds a megapixel of photographs on two CPU cores (docs/LOG.md); less on CUDA."""
+TRACING_BYTES = 800_000_000
+"""The most that the tracing of first strands was seen to add to the trial's peak (docs/LOG.md)."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Expected cost of a fit.
+
+    Attributes:
+        stereo_seconds: line-based multi-view stereo; 0 when segments are given.
+        shape_seconds: one step that moves strands by geometry.
+        image_seconds: one step that sees an image.
+        fit_seconds: all steps.
+        memory_bytes: the trial's peak, and what tracing adds to it.
+    """
+
+    stereo_seconds: float
+    shape_seconds: float
+    image_seconds: float
+    fit_seconds: float
+    memory_bytes: int
+
+    def sentence(self) -> str:
+        """What the user is told."""
+        stereo, steps = self.stereo_seconds / 60, self.fit_seconds / 60
+        return (
+            f"expect about {stereo + steps:.1f} minutes: {stereo:.1f} for stereo, {steps:.1f} for the steps "
+            f"({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
+            f"memory about {self.memory_bytes / 1e9:.1f} GB"
+        )
+
+
+def forecast(
+    capture: Capture,
+    head: Head,
+    prior: StrandPrior,
+    config: FitConfig,
+    perceptual: Perceptual | None,
+    device: torch.device,
+    with_stereo: bool,
+) -> Forecast:
+    """Time a few steps on points above the scalp that stand in for the segments.
+
+    Args:
+        capture: all views.
+        head: mesh and scalp.
+        prior: strand prior.
+        config: of the fit to come.
+        perceptual: as the fit will use it.
+        device: where the fit will run.
+        with_stereo: whether segments have to be made first.
+    """
+    roots = sample_roots(head.to("cpu"), STAND_IN_POINTS, torch.Generator().manual_seed(config.seed))
+    points = roots.position + STAND_IN_HEIGHT * roots.normal
+    count = torch.arange(len(points))
+    stand_in = LineSegments(points, roots.frame[..., 0].contiguous(), torch.ones(len(points)), count)
+    trial = replace(config, steps=6, initialise="mean", schedule=replace(config.schedule, geometry_only=0.5))
+    data = gather_fit_data(capture, head, stand_in, trial, device)
+    seconds: list[float] = []
+    fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
+    shape, image = min(seconds[1:3]), sum(sorted(seconds[3:])[:2]) / 2
+    plain = appearance_begins(config.steps, config.schedule)
+    size = sum(view.camera.width * view.camera.height for view in data.capture.views) / 1e6
+    return Forecast(
+        stereo_seconds=STEREO_SECONDS * size if with_stereo else 0.0,
+        shape_seconds=shape,
+        image_seconds=image,
+        fit_seconds=plain * shape + (config.steps - plain) * image,
+        memory_bytes=peak_memory(device) + (TRACING_BYTES if config.initialise == "flow" else 0),
+    )
+
+
+def steps_for(minutes: float, cost: Forecast, config: FitConfig) -> int:
+    """How many steps fit into `minutes`; at least ten, so that there is a result."""
+    share = appearance_begins(config.steps, config.schedule) / config.steps
+    mean = share * cost.shape_seconds + (1 - share) * cost.image_seconds
+    return max(10, int(60 * minutes / mean))

@@ -1,0 +1,78 @@
+"""What a fit leaves behind: the model, the groom for other programs, a preview."""
+
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.evaluation.pictures import png
+from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.nearest import nearest
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import write_groom
+from neural_strands.model.files import save_hair_model
+from neural_strands.model.hair_model import HairModel
+from neural_strands.fitting.first_colours import strand_colours
+from neural_strands.fitting.fit_data import FitData
+from neural_strands.runs.run_folder import RunFolder
+
+HAIR_WIDTH = 7e-5
+"""Thickness written for strands whose width the fit did not find, metres: a typical human hair."""
+
+
+@torch.no_grad()
+def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dict[str, str]) -> Strands:
+    """Write the model and the groom of a fit, finished or stopped; returns the strands.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    strands = model.decode()
+    coloured = Strands(
+        strands.points.cpu(),
+        root_uv=model.root_uv.cpu(),
+        root_normal=model.root_frame[:, :, 2].cpu(),
+        width=strand_widths(model, strands).cpu(),
+        color=groom_colours(model, strands, data).cpu(),
+    )
+    save_hair_model(model, folder.model, notes)
+    for path in (folder.groom, folder.groom_arrays):
+        write_groom(path, Groom.from_strands(coloured))
+    return coloured
+
+
+def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand point"]:
+    """Thickness of every point, metres: as the model draws strands, so that the groom covers what the pictures show."""
+    count = strands.points.shape[1]
+    along = torch.linspace(0, 1, count, device=strands.points.device)
+    tip = torch.ones_like(along) if model.lines.tip <= 0 else ((1 - along) / model.lines.tip).clamp(max=1.0)
+    width = model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)
+    return width.expand(strands.points.shape[:2])
+
+
+@torch.no_grad()
+def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
+    """Linear RGB of each strand: mean of the pixels that see it; a strand that none sees takes its neighbour's."""
+    colours, weight = strand_colours(model, strands, data.observations())
+    known = weight > 0
+    if known.any() and not known.all():
+        roots = strands.points[:, 0]
+        _, index = nearest(roots[~known], roots[known], radius=1.0)
+        colours[~known] = colours[known][index.clamp(min=0)]
+    return srgb_to_linear(colours)
+
+
+@torch.no_grad()
+def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
+    """A training view as the model renders it now, beside its photograph."""
+    target = data.observation(0)
+    output = model.render(Strands(points, root_uv=model.root_uv), target.camera)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(png(torch.cat([output.rgb, target.image], dim=1)))
+
+
+def srgb_to_linear(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """Undo the sRGB transfer curve (IEC 61966-2-1)."""
+    return torch.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055).clamp(min=0) ** 2.4)

@@ -1,0 +1,170 @@
+"""The report of a run: the paper's tables for this capture, and pictures, on one page."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.evaluation.geometry_metrics import GeometryScore
+from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
+from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png, strip
+from neural_strands.foundation.files import atomic_file
+from neural_strands.model.hair_volume import hair_volume
+from neural_strands.model.turntable import turntable_cameras
+from neural_strands.runs.evaluate import Evaluation, RunContents, mean_of, read_losses
+from neural_strands.fitting.fit_data import segment_lines
+from neural_strands.fitting.observation import Place
+from neural_strands.runs.run_folder import read_description
+from neural_strands.fitting.trimap import reference_alpha
+
+PAPER_ROWS = {
+    "paper, short: LMVS": ((56.91, 12.11, 19.98), (93.42, 30.29, 45.75), (98.85, 46.62, 63.36)),
+    "paper, short: strands": ((52.79, 13.78, 21.85), (92.94, 48.38, 63.64), (98.18, 71.51, 82.75)),
+    "paper, long: LMVS": ((26.25, 16.54, 20.30), (75.13, 39.12, 51.45), (93.51, 54.01, 68.47)),
+    "paper, long: strands": ((32.59, 14.62, 20.19), (71.40, 42.06, 52.94), (71.40, 62.91, 66.89)),
+}
+"""Precision, recall and F at (1 mm, 10°), (2 mm, 20°), (3 mm, 30°): the paper's table 1, on its own grooms."""
+PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811")
+PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
+MOST_VIEWS = 4
+TURN_FRAMES, STILL_EVERY = 24, 3
+"""Frames of the turntable, and every how manieth is shown as a still too."""
+TURN_SIDE = 512
+"""Largest side of a frame as it is rendered, pixels: about the scale that renderers are trained at."""
+STRIP_SIDE = 288
+"""Side of a frame of the moving picture, pixels."""
+
+
+def write_report(run: RunContents, result: Evaluation) -> None:
+    """Write RUN/report/index.html, and RUN/report/summary.png: photograph, strands and rendering of one view.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    tables = [_images_table(result), _time_table(result)]
+    if result.ours:
+        tables.insert(0, _geometry_table(result))
+    turntable, stills = _turntable(run)
+    galleries = [_views_gallery(result), _alpha_gallery(run, result), _geometry_gallery(run), stills]
+    losses = read_losses(run.folder.log)
+    if losses:
+        galleries.append(Gallery("Losses", (("mean of each step's figures", curves(losses, "losses")),), columns=1))
+    summary = (
+        f"{len(run.strands)} strands of {run.strands.points_per_strand} points from {len(run.capture)} photographs of "
+        f"{run.capture.folder.name}; {run.segments.segment_count} line segments."
+    )
+    title = f"Neural Strands: {run.capture.folder.name}"
+    write_page(run.folder.report / "index.html", title, summary, tables, galleries, turntable)
+    with atomic_file(run.folder.report / "summary.png") as temporary:
+        temporary.write_bytes(png(_summary(run, result)))
+
+
+def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height width 3"]:
+    """A view that was judged: photograph, reconstructed strands by direction, rendering."""
+    place = len(result.views) - 1
+    camera = run.capture.cameras[run.shown[place]].to(run.strands.points.device)
+    strands = geometry_picture(run.strands.points, camera, run.head.mesh).cpu()
+    return torch.cat([result.views[place].truth, strands, result.views[place].rendered], dim=1)
+
+
+def _geometry_table(result: Evaluation) -> Table:
+    names = [score.threshold.name.replace("deg", "°").replace("mm/", " mm ") for score in result.ours[:3]]
+    heads = ("", *(f"{what} {name}" if what == "P" else what for name in names for what in ("P", "R", "F")))
+    rows = [("ours: LMVS", *_cells(result.lmvs)), ("ours: strands", *_cells(result.ours))]
+    rows += [(name, *(f"{value:.2f}" for row in figures for value in row)) for name, figures in PAPER_ROWS.items()]
+    consistency = ", ".join(f"{score.strand_consistency or 0:.1f} % at {score.threshold.name}" for score in result.ours)
+    inside = "" if result.head_fit is None else f" Points inside the head: {result.head_fit.inside:.2f} %."
+    note = (
+        "Percent, directions unsigned, points every 0.5 mm or denser; the paper's rows are of its own grooms. "
+        f"Strand consistency: {consistency}.{inside}"
+    )
+    return Table("Geometry against the ground truth", heads, tuple(rows), note)
+
+
+def _cells(scores: tuple[GeometryScore, ...]) -> tuple[str, ...]:
+    return tuple(f"{value:.2f}" for score in scores[:3] for value in score.unsigned.as_dict().values())
+
+
+def _images_table(result: Evaluation) -> Table:
+    def cells(psnr: float | None, ssim: float | None, lpips: float | None) -> tuple[str, str, str]:
+        return (
+            "" if psnr is None else f"{psnr:.2f}",
+            "" if ssim is None else f"{ssim:.4f}",
+            "absent" if lpips is None else f"{lpips:.4f}",
+        )
+
+    rows = [(f"view {view.name}", *cells(view.psnr, view.ssim, view.lpips)) for view in result.views]
+    means = [mean_of([getattr(view, name) for view in result.views]) for name in ("psnr", "ssim")]
+    perceptual = mean_of([view.lpips for view in result.views if view.lpips is not None])
+    rows.append(("mean", *cells(means[0], means[1], perceptual)))
+    rows.append(PAPER_IMAGES)
+    title = "Held-out views, hair region" if result.held_out else "Training views (none was held out), hair region"
+    return Table(title, ("", "PSNR, dB", "SSIM", "LPIPS (squeeze)"), tuple(rows), result.lpips_absent)
+
+
+def _time_table(result: Evaluation) -> Table:
+    total = result.decode_ms + result.render_ms
+    rows = (
+        ("this machine", f"{result.decode_ms:.1f}", f"{result.render_ms:.1f}", f"{total:.1f}"),
+        PAPER_MILLISECONDS,
+    )
+    return Table("Milliseconds", ("", "decode", "render", "total"), rows)
+
+
+def _views_gallery(result: Evaluation) -> Gallery:
+    pictures: list[tuple[str, bytes]] = []
+    for view in result.views[:MOST_VIEWS]:
+        pictures += [
+            (f"rendered {view.name}", png(view.rendered)),
+            ("photograph", png(view.truth)),
+            ("difference x 4", png(difference(view.rendered, view.truth))),
+        ]
+    return Gallery("Views" if not result.held_out else "Held-out views", tuple(pictures))
+
+
+def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
+    view, index = result.views[0], run.shown[0]
+    mask = run.capture.hair_mask(index)
+    pictures = [("predicted alpha", png(view.alpha[..., None].expand(-1, -1, 3)))]
+    if mask is not None:
+        height, width = mask.shape
+        config = read_description(run.folder).config.trimap
+        trimap = reference_alpha(mask, Place(0, 0, width, height), config)
+        shades = torch.where(trimap.supervised, trimap.alpha, 0.5)
+        pictures.append(("its reference, grey where unsupervised", png(shades[..., None].expand(-1, -1, 3))))
+    return Gallery("Alpha", tuple(pictures))
+
+
+def _geometry_gallery(run: RunContents) -> Gallery:
+    camera = run.capture.cameras[run.shown[0]].to(run.strands.points.device)
+    head = run.head.mesh
+    sets = [("line segments", segment_lines(run.segments)), ("our strands", run.strands.points)]
+    if run.capture.ground_truth is not None:
+        sets.insert(0, ("ground truth", run.capture.ground_truth.points.to(head.vertices)))
+    pictures = [(name, png(geometry_picture(lines, camera, head))) for name, lines in sets]
+    photograph = run.capture.image(run.shown[0]).to(head.vertices)
+    pictures.append(("our strands over the photograph", png(overlay(photograph, run.strands.points, camera, head))))
+    return Gallery("Geometry, coloured by direction", tuple(pictures), columns=len(pictures))
+
+
+@torch.no_grad()
+def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
+    """A turn about the hair, as the model renders it and as strands by direction; and some frames to look at."""
+    shown = run.capture.cameras[run.shown[0]]
+    side = min(TURN_SIDE, shown.width, shown.height)
+    cameras = turntable_cameras(run.strands.points, TURN_FRAMES, (side, side))
+    volume = hair_volume(run.strands.points)
+    rendered = [run.model.render(run.strands, camera, volume=volume).rgb.clamp(0, 1).cpu() for camera in cameras]
+    drawn = [geometry_picture(run.strands.points, camera, run.head.mesh).cpu() for camera in cameras]
+    strips = tuple(
+        (caption, strip([_shrunk(frame) for frame in frames]))
+        for caption, frames in (("rendered", rendered), ("strands, coloured by direction", drawn))
+    )
+    stills = tuple((f"{360 * k // TURN_FRAMES} degrees", png(rendered[k])) for k in range(0, TURN_FRAMES, STILL_EVERY))
+    return Turntable("Turntable", strips, TURN_FRAMES), Gallery("Turntable, stills", stills, columns=4)
+
+
+def _shrunk(frame: Float[Tensor, "side side 3"]) -> Float[Tensor, "small small 3"]:
+    """A frame of the moving picture."""
+    small = min(STRIP_SIDE, len(frame))
+    planes = torch.nn.functional.interpolate(frame.permute(2, 0, 1)[None], (small, small), mode="area")
+    return planes[0].permute(1, 2, 0)

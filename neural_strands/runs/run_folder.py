@@ -1,0 +1,173 @@
+"""The folder of a fit: what is where, and whether it belongs to this capture and these settings."""
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from neural_strands import __version__
+from neural_strands.capture.capture import Capture
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.model.files import from_plain
+from neural_strands.prior.vae import StrandPrior
+from neural_strands.scalp.head import Head
+from neural_strands.fitting.config import FitConfig
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths inside one run.
+
+    Attributes:
+        path: the folder, `RUN`.
+    """
+
+    path: Path
+
+    @property
+    def description(self) -> Path:
+        """Settings and capture of the run."""
+        return self.path / "run.json"
+
+    @property
+    def segments(self) -> Path:
+        """Line segments that the fit used."""
+        return self.path / "segments.npz"
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where the fit goes on from."""
+        return self.path / "checkpoint.pt"
+
+    @property
+    def log(self) -> Path:
+        """One JSON object a step."""
+        return self.path / "log.jsonl"
+
+    @property
+    def model(self) -> Path:
+        """The hair model that renders."""
+        return self.path / "model"
+
+    @property
+    def groom(self) -> Path:
+        """The strands, for Blender and other programs."""
+        return self.path / "groom.usd"
+
+    @property
+    def groom_arrays(self) -> Path:
+        """The strands, for Python: points, root uv, colour."""
+        return self.path / "groom.npz"
+
+    @property
+    def preview(self) -> Path:
+        """How a training view looks now, beside its photograph."""
+        return self.path / "preview.png"
+
+    @property
+    def report(self) -> Path:
+        """The page of figures and pictures that `evaluate` writes."""
+        return self.path / "report"
+
+
+@dataclass(frozen=True)
+class RunDescription:
+    """What `run.json` holds.
+
+    Attributes:
+        capture: folder of the capture.
+        head: head file that was given, or empty.
+        fingerprint: digest of the capture's cameras, images and masks, and of the head.
+        config: resolved settings.
+        prior: digest of the strand generator's weights, which no checkpoint holds.
+    """
+
+    capture: str
+    head: str
+    fingerprint: str
+    config: FitConfig
+    prior: str
+
+
+def write_description(folder: RunFolder, description: RunDescription) -> None:
+    """Save what a run is.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    plain = {"format": FORMAT, "version": __version__, **dataclasses.asdict(description)}
+    with atomic_file(folder.description) as temporary:
+        temporary.write_text(json.dumps(plain, indent=2) + "\n", encoding="utf-8")
+
+
+def read_description(folder: RunFolder) -> RunDescription:
+    """Read what a run is.
+
+    Raises:
+        InputError: there is no run in the folder, or its description is broken.
+    """
+    path = folder.description
+    if not path.is_file():
+        raise InputError(f"{folder.path}: expected the folder of a fit, found no {path.name}; run `fit` first.")
+    try:
+        plain = json.loads(path.read_text(encoding="utf-8"))
+        config = from_plain(FitConfig, plain["config"])
+        return RunDescription(plain["capture"], plain["head"], plain["fingerprint"], config, plain.get("prior", ""))
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: expected the description of a fit, came something else ({error}).") from error
+
+
+def check_same(folder: RunFolder, wanted: RunDescription) -> None:
+    """Refuse to go on with another capture or other settings than the run began with.
+
+    Raises:
+        InputError: one sentence that names what differs.
+    """
+    stored = read_description(folder)
+    if stored.fingerprint != wanted.fingerprint:
+        raise InputError(
+            f"{folder.path}: the capture {wanted.capture} has changed since this run began (cameras, images, masks or "
+            "head); restore it, or fit into a new folder."
+        )
+    if stored.prior != wanted.prior:
+        raise InputError(
+            f"{folder.path}: this run began with other weights of the strand prior; "
+            "give those with --prior, or fit into a new folder."
+        )
+    if stored.config != wanted.config:
+        ours, theirs = dataclasses.asdict(wanted.config), dataclasses.asdict(stored.config)
+        name = next(name for name in ours if ours[name] != theirs[name])
+        raise InputError(
+            f"{folder.path}: this run began with {name} = {theirs[name]}, came {ours[name]}; "
+            "give the settings it began with, or fit into a new folder."
+        )
+
+
+def weights_digest(prior: StrandPrior) -> str:
+    """Digest of the strand generator's weights."""
+    digest = hashlib.sha256()
+    for name, value in sorted(prior.generator.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def fingerprint(capture: Capture, head: Head) -> str:
+    """Digest of the cameras, of the files of every image and mask, and of the head; no image is decoded."""
+    digest = hashlib.sha256()
+    for view in capture.views:
+        camera = view.camera
+        digest.update(f"{camera.name} {camera.width} {camera.height}".encode())
+        digest.update(camera.intrinsics.double().numpy().tobytes())
+        digest.update(camera.world_to_camera.double().numpy().tobytes())
+        for path in (view.image_path, view.hair_mask_path):
+            if path is not None and path.is_file():
+                with path.open("rb") as file:
+                    digest.update(hashlib.file_digest(file, "sha256").digest())
+    for tensor in (head.mesh.vertices, head.mesh.faces, head.scalp_faces):
+        digest.update(tensor.cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()

@@ -1,1 +1,0 @@
-"""Losses, schedules, and the loops that train the prior and fit a capture."""

@@ -1,0 +1,102 @@
+"""First colours in closed form: those of the pixels that show them."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from neural_strands.fitting.first_colours import filled, initialise_colours, spread, strand_colours
+from neural_strands.fitting.observation import Observation
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.unet import UNetConfig
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.texture import sample_texture
+from neural_strands.scalp.roots import Roots
+
+STRANDS = 80
+
+
+@pytest.fixture
+def scene(generator):
+    """A model, upright strands on a square, and two cameras above them."""
+    position = torch.rand(STRANDS, 3, generator=generator) * torch.tensor([0.1, 0.0, 0.1])
+    frame = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]).T.expand(STRANDS, 3, 3).contiguous()
+    uv = 10 * position[:, [0, 2]]
+    corners = torch.tensor([[-0.05, -1e-3, -0.05], [0.15, -1e-3, -0.05], [0.15, -1e-3, 0.15], [-0.05, -1e-3, 0.15]])
+    body = Mesh(corners, torch.tensor([[0, 2, 1], [0, 3, 2]]))
+    config = HairModelConfig(
+        ScalpTextureConfig(shape_size=4, appearance_size=128, appearance_channels=4),
+        UNetConfig(widths=(8, 8)),
+        SurroundConfig(background_texture=4),
+        supersample=1,
+    )
+    model = HairModel(config, Roots(position, uv, frame, torch.zeros(STRANDS)), StrandGenerator(), body, generator)
+    along = torch.linspace(0, 0.02, 6)[:, None] * torch.tensor([0.5, 1.0, 0.0])
+    strands = Strands(position[:, None] + along, root_uv=uv)
+    middle = torch.tensor([0.05, 0.0, 0.05])
+    eyes = ([0.05, 0.4, 0.3], [0.2, 0.5, 0.05])
+    cameras = [Camera.look_at(torch.tensor(eye), middle, 120.0, (64, 48)) for eye in eyes]
+    return model, strands, cameras
+
+
+def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Tensor) -> Observation:
+    """Strands of given colours wherever one is drawn, white body, blue background."""
+    drawing = model.draw(strands, camera)
+    hair = drawing.lines.segment >= 0
+    strand = drawing.lines.segment.clamp(min=0) // (strands.points_per_strand - 1)
+    image = torch.where((drawing.body.face >= 0)[..., None], torch.ones(3), torch.tensor([0.0, 0.0, 1.0]))
+    return Observation(camera, torch.where(hair[..., None], colour[strand], image), hair.float())
+
+
+def test_spreading_is_the_transpose_of_sampling(generator):
+    uv, values = torch.rand(20, 2, generator=generator), torch.randn(20, 3, generator=generator)
+    texture = torch.randn(6, 7, 3, generator=generator)
+    total, weight = spread(values, uv, 6, 7)
+    torch.testing.assert_close((total * texture).sum(), (values * sample_texture(texture, uv)).sum())
+    torch.testing.assert_close(weight.sum(), torch.tensor(20.0))
+
+
+def test_filling_keeps_what_is_known_and_constants_everywhere(generator):
+    weight = (torch.rand(9, 13, 1, generator=generator) > 0.8).float()
+    values = torch.randn(9, 13, 2, generator=generator)
+    result = filled(values * weight, weight)
+    torch.testing.assert_close(result[weight[..., 0] > 0], values[weight[..., 0] > 0])
+    assert result.isfinite().all()
+    torch.testing.assert_close(filled(3 * weight.expand(-1, -1, 2), weight), torch.full((9, 13, 2), 3.0))
+
+
+def test_first_colours_are_those_of_the_pixels(scene, generator):
+    model, strands, cameras = scene
+    colour = torch.rand(STRANDS, 3, generator=generator)
+    targets = [painted(model, strands, camera, colour) for camera in cameras]
+    found, weight = strand_colours(model, strands, targets)
+    seen = weight > 0
+    assert seen.sum() > STRANDS // 2
+    torch.testing.assert_close(found[seen], colour[seen])
+    initialise_colours(model, strands, targets)
+    torch.testing.assert_close(model.body.colour.detach(), torch.ones(4, 3))
+    torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
+    stored = model.textures.sample_appearance(strands.root_uv)[:, 0, :3].detach() + model.shading.mean.detach()
+    assert (stored - found)[seen].abs().mean() < 0.05
+
+
+@pytest.mark.parametrize("matte", [0.97, None])
+def test_hair_does_not_colour_the_background_behind_it(scene, matte):
+    """Neither where a matte is not quite 1 nor where there is no mask at all."""
+    model, strands, cameras = scene
+    # The slab would hide the background.
+    model.body.vertices += 10.0
+    targets = [painted(model, strands, camera, torch.zeros(STRANDS, 3)) for camera in cameras]
+    initialise_colours(model, strands, [masked(target, matte) for target in targets])
+    blue = torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3)
+    torch.testing.assert_close(model.background.colour.detach(), blue)
+
+
+def masked(target: Observation, matte: float | None) -> Observation:
+    """The hair mask made fainter, or taken away."""
+    return replace(target, mask=None if matte is None or target.mask is None else matte * target.mask)

@@ -1,0 +1,225 @@
+"""A whole fit of a tiny capture: it learns, it resumes to the same bits, it refuses what it must."""
+
+import copy
+from dataclasses import replace
+
+import pytest
+import torch
+from full_disk import smallest_files
+from tiny_capture import tiny_config, true_segments, write_capture
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import held_out_views, training_views
+from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
+from neural_strands.fitting.config import FitRates
+from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.fit import fit
+from neural_strands.fitting.fit_data import gather_fit_data
+from neural_strands.fitting.schedule import ScheduleConfig
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.signed_distance import signed_distance
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import write_groom
+from neural_strands.model.files import load_hair_model, save_hair_model
+from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior.synthesiser import SynthesiserConfig
+from neural_strands.prior.vae import StrandPrior, load_prior, save_prior
+from neural_strands.runs.outputs import write_outputs, write_preview
+from neural_strands.runs.run_fit import RunLog, find_head, fit_prior
+from neural_strands.runs.run_folder import RunFolder, weights_digest
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("capture") / "ball"
+    strands = write_capture(folder)
+    capture = Capture.load(folder)
+    return capture, find_head(capture, None), true_segments(strands)
+
+
+def begin_tiny(scene, config):
+    capture, head, segments = scene
+    data = gather_fit_data(capture, head, segments, config, CPU)
+    return begin(data, load_prior(), config), data
+
+
+def run(state, data, config, until=None):
+    figures = []
+
+    def after_step(now, step_figures):
+        figures.append(step_figures)
+        if until is not None and now.step == until:
+            raise StopIteration
+
+    if until is None:
+        fit(state, data, config, after_step=after_step)
+    else:
+        with pytest.raises(StopIteration):
+            fit(state, data, config, after_step=after_step)
+    return figures
+
+
+def test_given_strands_stay_while_their_appearance_is_learned(scene):
+    schedule = ScheduleConfig(geometry_only=0.0, warmup=5)
+    config = tiny_config(steps=60, shape_every=0, schedule=schedule)
+    state, data = begin_tiny(scene, config)
+    shape, given = state.model.textures.shape.detach().clone(), state.drawn.clone()
+    figures = run(state, data, config)
+    assert torch.equal(state.model.textures.shape, shape)
+    assert torch.equal(state.drawn, given)
+    losses = [row["render"] + row["alpha"] for row in figures]
+    assert sum(losses[-10:]) < 0.6 * sum(losses[:10])
+
+
+def test_every_fifth_view_is_held_out(scene):
+    capture, _, _ = scene
+    config = tiny_config()
+    assert held_out_views(len(capture), config.hold_out_every) == [4]
+    assert training_views(len(capture), config.hold_out_every) == [0, 1, 2, 3, 5]
+    assert held_out_views(len(capture), 0) == []
+
+
+def test_a_fit_brings_strands_from_anywhere_to_the_segments(scene):
+    config = tiny_config(steps=40, initialise="mean", rates=FitRates(shape=3e-2))
+    config = replace(config, schedule=replace(config.schedule, geometry_only=1.0))
+    state, data = begin_tiny(scene, config)
+    coverage = [row["coverage"] for row in run(state, data, config)]
+    assert sum(coverage[-5:]) < 0.8 * sum(coverage[:5])
+
+
+def test_a_fit_shows_the_photographs_and_stays_out_of_the_head(scene):
+    config = tiny_config(steps=60, strands=400)
+    state, data = begin_tiny(scene, config)
+    run(state, data, config)
+    strands, error, flat = Strands(state.drawn, root_uv=state.model.root_uv), 0.0, 0.0
+    with torch.no_grad():
+        for target in data.observations():
+            rendered = state.model.render(strands, target.camera).rgb
+            error += float((rendered - target.image).square().mean())
+            flat += float((target.image - target.image.mean(dim=(0, 1))).square().mean())
+    assert error < 0.5 * flat
+    depth = signed_distance(state.drawn[:, 6:].reshape(-1, 3), data.head.mesh).distance
+    assert (depth < -0.002).float().mean() < 0.02
+    torch.testing.assert_close(state.drawn[:, 0], state.model.root_position, atol=1e-5, rtol=0)
+
+
+def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
+    config = tiny_config()
+    whole, data = begin_tiny(scene, config)
+    run(whole, data, config)
+    first, data = begin_tiny(scene, config)
+    run(first, data, config, until=8)
+    save_checkpoint(first, tmp_path / "checkpoint.pt")
+    second, data = begin_tiny(scene, config)
+    load_checkpoint(second, tmp_path / "checkpoint.pt")
+    assert second.step == 8
+    run(second, data, config)
+    for (name, ours), theirs in zip(second.model.state_dict().items(), whole.model.state_dict().values(), strict=True):
+        assert torch.equal(ours, theirs), name
+    assert torch.equal(second.drawn, whole.drawn)
+
+
+def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
+    config = tiny_config()
+    state, data = begin_tiny(scene, config)
+    path = tmp_path / "checkpoint.pt"
+    save_checkpoint(state, path)
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(InputError, match="whole"):
+        load_checkpoint(state, path)
+    run(state, data, config)
+    save_checkpoint(state, path)
+    whole = torch.load(path, weights_only=True)
+    parts = {
+        "textures.appearance": lambda content: content["model"]["textures.appearance"],
+        "the optimiser's exp_avg": lambda content: content["optimiser"]["state"][0]["exp_avg"],
+        "remembered": lambda content: content["remembered"],
+    }
+    for name, part in parts.items():
+        content = copy.deepcopy(whole)
+        part(content).view(-1)[-1] = float("nan")
+        torch.save(content, path)
+        with pytest.raises(InputError, match=f"NaN in {name}"):
+            load_checkpoint(state, path)
+    torch.save(whole, path)
+    with torch.no_grad():
+        state.model.textures.appearance[0, 0, 0] = float("nan")
+    with pytest.raises(InputError, match=r"diverged: NaN in textures\.appearance after step 12"):
+        save_checkpoint(state, path)
+    load_checkpoint(state, path)
+    assert state.model.textures.appearance.isfinite().all()
+
+
+def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):
+    config = tiny_config()
+    state, data = begin_tiny(scene, config)
+    folder = RunFolder(tmp_path)
+    save_checkpoint(state, folder.checkpoint)
+    write_outputs(folder, state.model, data, {})
+    write_preview(folder.preview, state.model, state.drawn, data)
+    log = RunLog(folder.log, 0)
+    log.add({"step": 1.0})
+    log.flush()
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert len(before) == 7
+    log.add({"text": 1.0} | {f"figure {k}": 0.0 for k in range(100)})
+    writes = (
+        lambda: save_checkpoint(state, folder.checkpoint),
+        lambda: write_outputs(folder, state.model, data, {}),
+        lambda: write_groom(folder.groom, Groom.from_strands(Strands(state.drawn))),
+        lambda: write_preview(folder.preview, state.model, state.drawn, data),
+        log.flush,
+    )
+    with smallest_files(1000):
+        for write in writes:
+            with pytest.raises(InputError, match=r"cannot be written \(.*File too large\)"):
+                write()
+    log_path = folder.log
+    assert log_path.read_bytes().startswith(before.pop(log_path))
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path != log_path} == before
+
+
+@pytest.mark.parametrize(
+    "changed", [{"synthesiser": SynthesiserConfig(output="position")}, {"modulator": "mlp"}], ids=["position", "mlp"]
+)
+def test_a_fit_takes_another_prior_and_its_model_loads(scene, tmp_path, changed):
+    save_prior(StrandPrior(GeneratorConfig(**changed)), tmp_path / "prior.safetensors", {})
+    prior = fit_prior(tmp_path / "prior.safetensors", CPU)
+    assert weights_digest(prior) != weights_digest(fit_prior(None, CPU))
+    capture, head, segments = scene
+    config = tiny_config(steps=3, initialise="mean")
+    data = gather_fit_data(capture, head, segments, config, CPU)
+    state = begin(data, prior, config)
+    run(state, data, config)
+    save_hair_model(state.model, tmp_path / "model")
+    with torch.no_grad():
+        strands = load_hair_model(tmp_path / "model").decode().points
+    assert torch.equal(strands, state.model.decode().points)
+    torch.testing.assert_close(strands[:, 0], state.model.root_position, atol=1e-5, rtol=0)
+
+
+def test_without_masks_the_hair_volume_comes_from_the_segments(tmp_path):
+    strands = write_capture(tmp_path / "plain", with_masks=False)
+    capture = Capture.load(tmp_path / "plain")
+    config = tiny_config(steps=2)
+    data = gather_fit_data(capture, find_head(capture, None), true_segments(strands), config, CPU)
+    state = begin(data, load_prior(), config)
+    tips = state.drawn[:, -1]
+    assert torch.isfinite(tips).all()
+    assert float(torch.cdist(tips, strands.reshape(-1, 3)).amin(dim=1).median()) < 0.01
+
+
+def test_inputs_that_no_fit_can_come_of_are_refused(scene):
+    capture, head, segments = scene
+    config = tiny_config()
+    with pytest.raises(InputError, match="at least 3 training views, came 2"):
+        gather_fit_data(capture.subset([0, 1]), head, segments, config, CPU)
+    with pytest.raises(InputError, match="segment points"):
+        gather_fit_data(capture, head, segments.select(torch.arange(20)), config, CPU)
+    with pytest.raises(InputError, match="align or scale"):
+        gather_fit_data(
+            capture, head.transformed(1.0, torch.eye(3), torch.tensor([2.0, 0.0, 0.0])), segments, config, CPU
+        )

@@ -1,0 +1,117 @@
+"""Losses against naive twins and closed forms."""
+
+import math
+
+import pytest
+import torch
+from tiny_capture import ball
+
+from neural_strands.fitting.losses import (
+    ChamferConfig,
+    OrientedTargets,
+    alpha_loss,
+    coverage_loss,
+    head_penalty,
+    holding_loss,
+    rendering_loss,
+    surface_loss,
+)
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.point_grid import PointGrid
+
+
+def oriented(count, generator):
+    points = 0.05 * torch.rand(count, 3, generator=generator)
+    return points, torch.nn.functional.normalize(torch.randn(count, 3, generator=generator), dim=-1)
+
+
+def targets_of(points, directions):
+    return OrientedTargets(points, directions, PointGrid.build(points, 0.005))
+
+
+def naive(x, dx, y, dy, radius, unit, signed):
+    total, pairs = 0.0, 0
+    for point, direction in zip(x, dx, strict=True):
+        distance = (y - point).norm(dim=-1)
+        best = int(distance.argmin())
+        if distance[best] <= radius:
+            cosine = float(direction @ dy[best])
+            total += float(distance[best]) / unit + 1 - (cosine if signed else abs(cosine))
+            pairs += 1
+    return total / pairs
+
+
+def test_surface_loss_is_the_naive_loop(generator):
+    x, dx = oriented(60, generator)
+    y, dy = oriented(80, generator)
+    for signed in (False, True):
+        config = ChamferConfig(surface_radius=0.008, unit=0.003, signed=signed)
+        ours = surface_loss(x, dx, targets_of(y, dy), config)
+        torch.testing.assert_close(float(ours), naive(x, dx, y, dy, 0.008, 0.003, signed), atol=1e-4, rtol=1e-4)
+
+
+def test_coverage_loss_is_the_naive_loop_the_other_way(generator):
+    x, dx = oriented(60, generator)
+    y, dy = oriented(80, generator)
+    config = ChamferConfig(radius=0.02, unit=0.003)
+    chosen = torch.arange(0, 80, 2)
+    ours = coverage_loss(x, dx, torch.zeros(0, 3), targets_of(y, dy), chosen, config)
+    expected = naive(y[chosen], dy[chosen], x, dx, 0.02, 0.003, False)
+    torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
+
+
+def test_a_target_that_another_strand_covers_better_asks_nothing():
+    x = torch.tensor([[0.0, 0.0, 0.0]], requires_grad=True)
+    along = torch.tensor([[0.0, 1.0, 0.0]])
+    target = targets_of(torch.tensor([[0.003, 0.0, 0.0]]), along)
+    chosen = torch.tensor([0])
+    alone = coverage_loss(x, along, torch.zeros(0, 3), target, chosen, ChamferConfig())
+    with_other = coverage_loss(x, along, torch.tensor([[0.002, 0.0, 0.0]]), target, chosen, ChamferConfig())
+    assert float(alone.detach()) > 1.0
+    assert float(with_other.detach()) == 0.0
+    with_other.backward()
+    assert x.grad is not None
+    assert float(x.grad.abs().sum()) == 0.0
+
+
+def test_gradients_pull_points_together_and_turn_directions():
+    x = torch.tensor([[0.0, 0.0, 0.0]], requires_grad=True)
+    dx = torch.tensor([[0.6, 0.8, 0.0]], requires_grad=True)
+    target = targets_of(torch.tensor([[0.001, 0.0, 0.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
+    surface_loss(x, dx, target, ChamferConfig()).backward()
+    assert float(x.grad[0, 0]) < 0  # descending moves the point towards +x
+    torch.testing.assert_close(dx.grad, torch.tensor([[0.0, -1.0, 0.0]]))
+
+
+def test_rendering_and_alpha_losses_in_closed_form():
+    image, target = torch.full((4, 5, 3), 0.5), torch.full((4, 5, 3), 0.3)
+    torch.testing.assert_close(rendering_loss(image, target), torch.tensor(0.04))
+    alpha, reference = torch.full((4, 5), 0.25), torch.ones(4, 5)
+    supervised = torch.zeros(4, 5, dtype=torch.bool)
+    supervised[0] = True
+    torch.testing.assert_close(alpha_loss(alpha, reference, supervised), torch.tensor(0.5625))
+    assert float(alpha_loss(alpha, reference, torch.zeros(4, 5, dtype=torch.bool))) == 0.0
+
+
+def test_head_penalty_of_a_ball():
+    mesh = ball()
+    grid = SignedDistanceGrid.build(
+        Mesh(torch.from_numpy(mesh.vertices).float(), torch.from_numpy(mesh.faces).long()), spacing=0.003
+    )
+    depth = 0.004
+    along = torch.linspace(0.0, 2 * math.pi, 40)[None, :, None]
+    circle = torch.cat([along.cos(), along.sin(), torch.zeros_like(along)], dim=-1)
+    inside = head_penalty((0.09 - depth) * circle, grid, clearance=0.002)
+    expected = ((depth + 0.002) / 0.002) ** 2
+    assert abs(float(inside) / expected - 1) < 0.12
+    assert float(head_penalty(0.1 * circle, grid, clearance=0.002)) == 0.0
+
+
+def test_holding_is_the_mean_squared_distance_in_units():
+    first = torch.zeros(2, 3, 3)
+    moved = first.clone()
+    moved[0, 1] = torch.tensor([0.003, 0.0, -0.004])
+    # 5 mm in units of 2 mm, squared, at one of six points.
+    assert float(holding_loss(moved, first, 0.002)) == pytest.approx(2.5**2 / 6, rel=1e-5)
+    assert float(holding_loss(first, first, 0.002)) == 0.0

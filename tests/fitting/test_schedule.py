@@ -1,0 +1,47 @@
+"""Schedules at their ends and between."""
+
+from itertools import pairwise
+
+from neural_strands.fitting.schedule import (
+    ScheduleConfig,
+    appearance_begins,
+    blur_width,
+    rate_factor,
+    released_points,
+)
+
+
+def test_blur_falls_from_the_widest_to_one_texel_and_then_to_none():
+    config = ScheduleConfig(widest_blur=16.0, blur_until=0.5)
+    widths = [blur_width(step, 1000, config) for step in range(1000)]
+    assert widths[0] == 16.0
+    assert widths[250] == 4.0
+    assert all(a >= b for a, b in pairwise(widths))
+    assert 1.0 < widths[499] < 1.01
+    assert widths[500:] == [0.0] * 500
+    assert blur_width(3, 1000, ScheduleConfig(widest_blur=0.0)) == 0.0
+
+
+def test_strands_are_released_from_root_to_tip():
+    config = ScheduleConfig(release_until=0.4)
+    counts = [released_points(step, 1000, 100, config) for step in range(1000)]
+    assert counts[0] == 2
+    assert counts[200] == 2 + 49
+    assert all(a <= b for a, b in pairwise(counts))
+    assert counts[399] < 100
+    assert counts[400] == 100
+    assert released_points(0, 1000, 100, ScheduleConfig(release_until=0.0)) == 100
+
+
+def test_images_begin_when_geometry_is_done():
+    assert appearance_begins(1000, ScheduleConfig(geometry_only=0.3)) == 300
+    assert appearance_begins(10, ScheduleConfig(geometry_only=0.0)) == 0
+
+
+def test_rates_rise_and_fall():
+    config = ScheduleConfig(warmup=10, final_rate=0.1)
+    factors = [rate_factor(step, 1000, config) for step in range(1001)]
+    assert abs(factors[0] - 0.1) < 1e-3
+    assert max(factors) == factors[9]
+    assert all(a > b for a, b in pairwise(factors[10:]))
+    assert abs(factors[1000] - 0.1) < 1e-9

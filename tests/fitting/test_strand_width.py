@@ -1,0 +1,64 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from neural_strands.fitting.observation import Observation
+from neural_strands.fitting.strand_width import FINER, WIDTHS, estimate_width
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.compositing import area_mean
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.unet import UNetConfig
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.lines import LineConfig, rasterise_lines
+from neural_strands.scalp.roots import Roots
+
+
+@pytest.fixture
+def model():
+    empty = Mesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64))
+    roots = Roots(torch.zeros(1, 3), torch.full((1, 2), 0.5), torch.eye(3)[None], torch.zeros(1))
+    config = HairModelConfig(unet=UNetConfig((4, 4)))
+    return HairModel(config, roots, StrandGenerator(), empty, torch.Generator().manual_seed(0))
+
+
+def matted(strands, lines, factor=10):
+    """Views of strands whose masks are their coverage, drawn far more finely than the model draws."""
+    for eye in ((0.0, 0.1, 0.5), (0.5, 0.0, 0.1)):
+        camera = Camera.look_at(torch.tensor(eye), torch.zeros(3), 700.0, (160, 160))
+        fine = camera.resized(camera.width * factor, camera.height * factor)
+        drawn = rasterise_lines(strands, fine, config=lines).segment >= 0
+        mask = area_mean(drawn[..., None].float(), factor)[..., 0]
+        yield Observation(camera, torch.zeros(*mask.shape, 3), mask)
+
+
+@pytest.mark.parametrize("tip", [0.0, 0.4])
+@pytest.mark.parametrize("width", [WIDTHS[2], WIDTHS[5]])
+def test_the_width_of_the_masks_is_found(model, generator, width, tip):
+    """Sparse strands, a few hairs wide: their mattes say how wide."""
+    start = torch.randn(150, 1, 3, generator=generator) * 0.05
+    strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]
+    lines = LineConfig(width=width, tip=tip)
+    model.lines = replace(model.lines, tip=tip)
+    found = estimate_width(model, Strands(strands), list(matted(strands, lines)))
+    assert found.width == pytest.approx(width, rel=0.25)
+    assert replace(found, width=0.0) == model.lines
+
+
+def test_without_masks_strands_stay_as_they_are_drawn(model, generator):
+    strands = torch.randn(20, 10, 3, generator=generator) * 0.05
+    targets = [replace(target, mask=None) for target in matted(strands, LineConfig(width=1e-3), 1)]
+    assert estimate_width(model, Strands(strands), targets) == model.lines
+    assert estimate_width(model, Strands(strands), []) == model.lines
+
+
+def test_lines_one_pixel_wide_stay_where_masks_are_made_of_them(model, generator):
+    """Few strands in coarse pictures stand for many hairs: no width of a hair covers as much."""
+    start = torch.randn(150, 1, 3, generator=generator) * 0.05
+    strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]
+    targets = list(matted(strands, LineConfig(width=4e-3), 3))
+    assert estimate_width(model, Strands(strands), targets).width == WIDTHS[-1] * FINER
+    targets = list(matted(strands, LineConfig(), model.config.supersample))
+    assert estimate_width(model, Strands(strands), targets) == model.lines

@@ -1,0 +1,30 @@
+"""What a fit is foretold to cost, and the steps that fit into given minutes."""
+
+import pytest
+
+from neural_strands.fitting.config import FitConfig, preset
+from neural_strands.runs.forecast import Forecast, steps_for
+from neural_strands.fitting.schedule import appearance_begins
+
+
+def cost(shape_seconds: float, image_seconds: float) -> Forecast:
+    return Forecast(120.0, shape_seconds, image_seconds, 600.0, 2_000_000_000)
+
+
+def test_sentence_tells_the_sum_and_its_parts() -> None:
+    told = cost(0.25, 0.5).sentence()
+    assert "12.0 minutes: 2.0 for stereo, 10.0 for the steps" in told
+    assert "0.25 s without and 0.50 s with an image" in told
+    assert "2.0 GB" in told
+
+
+@pytest.mark.parametrize("minutes", [3.0, 20.0, 60.0])
+def test_steps_for_takes_the_minutes_given(minutes: float) -> None:
+    config = FitConfig(steps=1000)
+    steps = steps_for(minutes, cost(0.2, 0.8), config)
+    plain = appearance_begins(steps, config.schedule)
+    assert plain * 0.2 + (steps - plain) * 0.8 == pytest.approx(60 * minutes, abs=1.5)
+
+
+def test_steps_for_leaves_a_result_when_time_is_short() -> None:
+    assert steps_for(0.001, cost(10.0, 10.0), preset("demo")) == 10
