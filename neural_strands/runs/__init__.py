@@ -1,0 +1,1 @@
+"""A run's folder: start, resume, outputs, evaluation and report."""
