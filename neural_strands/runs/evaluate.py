@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.evaluation.geometry_metrics import (
     THRESHOLDS,
     GeometryScore,
@@ -28,10 +29,9 @@ from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import hair_volume
-from neural_strands.scalp.head import Head
-from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.runs.run_fit import find_head
 from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.scalp.head import Head
 
 
 @dataclass(frozen=True)

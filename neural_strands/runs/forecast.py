@@ -6,16 +6,16 @@ import torch
 
 from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.timing import peak_memory
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.fit import fit
+from neural_strands.fitting.fit_data import gather_fit_data
+from neural_strands.fitting.losses import Perceptual
+from neural_strands.fitting.schedule import appearance_begins
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import sample_roots
-from neural_strands.fitting.fit import fit
-from neural_strands.fitting.config import FitConfig
-from neural_strands.fitting.losses import Perceptual
-from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.first_model import begin
-from neural_strands.fitting.schedule import appearance_begins
 
 STAND_IN_POINTS = 20_000
 STAND_IN_HEIGHT = 0.01

@@ -7,6 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.evaluation.pictures import png
+from neural_strands.fitting.first_colours import strand_colours
+from neural_strands.fitting.fit_data import FitData
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.nearest import nearest
 from neural_strands.geometry.strands import Strands
@@ -14,8 +16,6 @@ from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
-from neural_strands.fitting.first_colours import strand_colours
-from neural_strands.fitting.fit_data import FitData
 from neural_strands.runs.run_folder import RunFolder
 
 HAIR_WIDTH = 7e-5

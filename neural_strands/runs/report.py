@@ -7,14 +7,14 @@ from torch import Tensor
 from neural_strands.evaluation.geometry_metrics import GeometryScore
 from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
 from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png, strip
+from neural_strands.fitting.fit_data import segment_lines
+from neural_strands.fitting.observation import Place
+from neural_strands.fitting.trimap import reference_alpha
 from neural_strands.foundation.files import atomic_file
 from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.runs.evaluate import Evaluation, RunContents, mean_of, read_losses
-from neural_strands.fitting.fit_data import segment_lines
-from neural_strands.fitting.observation import Place
 from neural_strands.runs.run_folder import read_description
-from neural_strands.fitting.trimap import reference_alpha
 
 PAPER_ROWS = {
     "paper, short: LMVS": ((56.91, 12.11, 19.98), (93.42, 30.29, 45.75), (98.85, 46.62, 63.36)),

@@ -9,25 +9,24 @@ from pathlib import Path
 import torch
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import training_views
 from neural_strands.evaluation.lpips import find_lpips
 from neural_strands.evaluation.structural_loss import structural_loss
+from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.distributed import Workers
+from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.fit import FitState, fit
+from neural_strands.fitting.fit_data import FitData, check_inputs, check_views, gather_fit_data
+from neural_strands.fitting.losses import Perceptual
+from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.prior.vae import StrandPrior, load_prior
-from neural_strands.scalp.head import Head
-from neural_strands.scalp.load import load_head
-from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
-from neural_strands.fitting.fit import FitState, fit
-from neural_strands.fitting.config import FitConfig
-from neural_strands.fitting.fit_data import FitData, check_inputs, check_views
 from neural_strands.runs.forecast import forecast, steps_for
-from neural_strands.fitting.losses import Perceptual
 from neural_strands.runs.outputs import write_outputs, write_preview
-from neural_strands.capture.hold_out import training_views
-from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.first_model import begin
 from neural_strands.runs.run_folder import (
     RunDescription,
     RunFolder,
@@ -37,8 +36,8 @@ from neural_strands.runs.run_folder import (
     weights_digest,
     write_description,
 )
-from neural_strands.fitting.stereo import find_segments
-from neural_strands.fitting.distributed import Workers
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.load import load_head
 
 CHECKPOINT_SECONDS = 60.0
 PREVIEW_SECONDS = 120.0

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from neural_strands import __version__
 from neural_strands.capture.capture import Capture
+from neural_strands.fitting.config import FitConfig
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.model.files import from_plain
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
-from neural_strands.fitting.config import FitConfig
 
 FORMAT = 1
 

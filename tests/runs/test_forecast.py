@@ -3,8 +3,8 @@
 import pytest
 
 from neural_strands.fitting.config import FitConfig, preset
-from neural_strands.runs.forecast import Forecast, steps_for
 from neural_strands.fitting.schedule import appearance_begins
+from neural_strands.runs.forecast import Forecast, steps_for
 
 
 def cost(shape_seconds: float, image_seconds: float) -> Forecast:
