@@ -14,7 +14,7 @@ def keep_freed_memory() -> bool:
     """Let the C library keep large blocks that are freed, for the process's whole life; for programs, not libraries.
 
     Images and activations of some megabytes come and go many times a frame. By default glibc gives each back to the
-    system and asks for it again, and the kernel clears every page anew (docs/LOG.md says what that costs).
+    system and asks for it again, and the kernel clears every page anew (docs/experiments/speed.md has the cost).
 
     Returns:
         Whether the C library is one that can be told so.

@@ -1,7 +1,7 @@
 """Cubic splines through many polylines at once, on any device, differentiable.
 
 Knots are spaced by the chord between points, and each end segment keeps one second derivative (parabolic ends).
-Measured (docs/LOG.md, 2026-11-21) on polygons whose edges differ twentyfold and on a helix sampled at random: chord
+Measured (docs/experiments/inputs.md) on polygons whose edges differ twentyfold and on a helix sampled at random: chord
 knots follow the helix best (0.03 of its radius; 0.17 for centripetal, 0.2 for uniform knots), and with these ends the
 curve leaves an edge by at most a third of that edge's length, where not-a-knot ends overshoot by several lengths.
 On an evenly sampled helix they are as accurate as not-a-knot ends and eight times more than natural ones.

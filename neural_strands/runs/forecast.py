@@ -21,9 +21,9 @@ STAND_IN_POINTS = 20_000
 STAND_IN_HEIGHT = 0.01
 """The stand-in's segments lie this far above the scalp, metres."""
 STEREO_SECONDS = 25.0
-"""Line-based multi-view stereo, seconds a megapixel of photographs on two CPU cores (docs/LOG.md); less on CUDA."""
+"""Line-based multi-view stereo, seconds a megapixel of photographs on two CPU cores; less on CUDA."""
 TRACING_BYTES = 800_000_000
-"""The most that the tracing of first strands was seen to add to the trial's peak (docs/LOG.md)."""
+"""The most that the tracing of first strands was measured to add to the peak of the trial steps."""
 
 
 @dataclass(frozen=True)
