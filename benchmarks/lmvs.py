@@ -15,7 +15,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.fitting.stereo import capture_views, moved
 from neural_strands.foundation.progress import track
-from neural_strands.geometry.nearest import match_levels
+from neural_strands.geometry.point_queries import match_levels
 from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import directions, lengths
 from neural_strands.lmvs.files import save_segments

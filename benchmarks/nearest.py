@@ -13,8 +13,8 @@ import torch
 from score import groom
 
 from neural_strands.evaluation.timing import time_function
-from neural_strands.geometry.nearest import nearest
 from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.geometry.point_queries import nearest
 
 RADII = (0.002, 0.005, 0.01)
 """Metres."""

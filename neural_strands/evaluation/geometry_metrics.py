@@ -19,8 +19,8 @@ from torch import Tensor
 from neural_strands.evaluation.consistency import consistency
 from neural_strands.evaluation.oriented_points import OrientedPoints
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.nearest import match_levels
 from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.geometry.point_queries import match_levels
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
 
 

@@ -15,7 +15,7 @@ from neural_strands.flow.tracing import TraceConfig, trace_strands
 from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.nearest import nearest
+from neural_strands.geometry.point_queries import nearest
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots

@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
-from neural_strands.geometry.nearest import nearest
 from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.geometry.point_queries import nearest
 
 Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height width 3"]], Float[Tensor, ""]]
 """Distance between a rendered and a photographed image, such as LPIPS."""

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int32
 from torch import Tensor
 
 from neural_strands.foundation.kernels import array, launch
-from neural_strands.geometry.kernels.points import count_points, place_points
+from neural_strands.geometry.kernels.point_queries import count_points, place_points
 
 LARGEST_CELLS = 2**20
 """Most cells along one axis; beyond it the cells grow, and searches slow down but stay right."""

@@ -11,9 +11,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.geometry.closest import MeshIndex, closest_points_reference
 from neural_strands.geometry.kernels.mesh_queries import INSIDE
 from neural_strands.geometry.mesh import Mesh, face_normals
+from neural_strands.geometry.mesh_queries import MeshIndex, closest_points_reference
 
 ON_SURFACE = 1e-7
 """Metres from the surface below which the face's own normal stands for the gradient."""

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.nearest import nearest
+from neural_strands.geometry.point_queries import nearest
 from neural_strands.lmvs.consistency import OrientedPoints
 
 GUESS = 0.1

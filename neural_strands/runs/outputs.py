@@ -10,7 +10,7 @@ from neural_strands.evaluation.pictures import png
 from neural_strands.fitting.first_colours import strand_colours
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.foundation.files import atomic_file
-from neural_strands.geometry.nearest import nearest
+from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from neural_strands.geometry.closest import MeshIndex
+from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import sample_roots
 

@@ -6,9 +6,9 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from neural_strands.geometry.closest import closest_points
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import face_areas, interpolate
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.scalp.blue_noise import eliminate
 from neural_strands.scalp.head import Head, scalp_vertex_frames
 

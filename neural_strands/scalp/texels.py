@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float, Int64
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
-from neural_strands.geometry.closest import closest_points
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import Roots, roots_at
 

@@ -9,7 +9,7 @@ import torch
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
-from neural_strands.geometry.closest import closest_points
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
 from neural_strands.synthesis.capture_folder import CaptureFolder, quantised

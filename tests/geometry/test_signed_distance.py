@@ -7,9 +7,9 @@ import pytest
 import torch
 import trimesh
 
-from neural_strands.geometry.closest import MeshIndex, closest_points, closest_points_reference
 from neural_strands.geometry.distance_grid import SignedDistanceGrid, trilinear_reference
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex, closest_points, closest_points_reference
 from neural_strands.geometry.signed_distance import (
     SignedDistanceIndex,
     signed_distance,

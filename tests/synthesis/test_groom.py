@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.closest import closest_points
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.scalp.mannequin import mannequin

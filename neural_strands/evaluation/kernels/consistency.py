@@ -6,7 +6,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from neural_strands.geometry.kernels.points import outside_grid, row_of, row_on_ring, row_span, rows_on_ring
+from neural_strands.geometry.kernels.point_queries import outside_grid, row_of, row_on_ring, row_span, rows_on_ring
 
 
 @wp.func

@@ -5,14 +5,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from neural_strands.geometry.nearest import (
+from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.geometry.point_queries import (
     any_within,
     match_levels,
     match_levels_reference,
     nearest,
     nearest_reference,
 )
-from neural_strands.geometry.point_grid import PointGrid
 
 THRESHOLDS = [(1e-3, math.radians(10)), (2e-3, math.radians(20)), (3e-3, math.radians(30)), (4e-3, math.radians(40))]
 

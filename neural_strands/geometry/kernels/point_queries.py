@@ -1,4 +1,4 @@
-"""Warp kernels of `point_grid` and `nearest`.
+"""Warp kernels of `point_grid` and `point_queries`.
 
 Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
 """

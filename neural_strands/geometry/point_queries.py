@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation.kernels import array, launch_split
-from neural_strands.geometry.kernels.points import MOST_LEVELS, LevelVector, levels_kernel, nearest_kernel
+from neural_strands.geometry.kernels.point_queries import MOST_LEVELS, LevelVector, levels_kernel, nearest_kernel
 from neural_strands.geometry.point_grid import PointGrid
 
 TWIN_CHUNK = 256
