@@ -1,6 +1,7 @@
 """Strands: dense polylines with the same number of points each, root first."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
 import torch
 from jaxtyping import Float
@@ -17,6 +18,7 @@ class Strands:
         root_normal: outward unit normal of the scalp at each root.
         width: full thickness at each point, metres.
         color: linear RGB of each strand in [0, 1].
+        unseen: share of each strand's points that no photograph could see, in [0, 1].
     """
 
     points: Float[Tensor, "strand point 3"]
@@ -24,6 +26,7 @@ class Strands:
     root_normal: Float[Tensor, "strand 3"] | None = None
     width: Float[Tensor, "strand point"] | None = None
     color: Float[Tensor, "strand 3"] | None = None
+    unseen: Float[Tensor, " strand"] | None = None
 
     def __len__(self) -> int:
         return self.points.shape[0]
@@ -35,19 +38,16 @@ class Strands:
 
     def select(self, index: Tensor) -> "Strands":
         """Keep the strands that `index` (integers or booleans) names, with their attributes."""
-        kept = {
-            name: None if (value := getattr(self, name)) is None else value[index]
-            for name in ("points", "root_uv", "root_normal", "width", "color")
-        }
-        return replace(self, **kept)
+        return self._changed(lambda value: value[index])
 
     def to(self, device: torch.device | str) -> "Strands":
         """Move every tensor to `device`."""
-        moved = {
-            name: None if (value := getattr(self, name)) is None else value.to(device)
-            for name in ("points", "root_uv", "root_normal", "width", "color")
-        }
-        return replace(self, **moved)
+        return self._changed(lambda value: value.to(device))
+
+    def _changed(self, change: Callable[[Tensor], Tensor]) -> "Strands":
+        """Apply `change` to every tensor that is there."""
+        present = {field.name: value for field in fields(self) if (value := getattr(self, field.name)) is not None}
+        return replace(self, **{name: change(value) for name, value in present.items()})
 
 
 def segments(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point-1 3"]:

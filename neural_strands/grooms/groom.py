@@ -9,7 +9,7 @@ from torch import Tensor
 from neural_strands.geometry.resample import resample_ragged
 from neural_strands.geometry.strands import Strands
 
-ATTRIBUTES = ("root_uv", "root_normal", "width", "color")
+ATTRIBUTES = ("root_uv", "root_normal", "width", "color", "unseen")
 """What a groom may hold beside its points."""
 
 
@@ -27,6 +27,7 @@ class Groom:
         root_normal: outward normal of the scalp at each root.
         width: full thickness at each vertex, in the unit of the vertices.
         color: linear RGB of each strand in [0, 1].
+        unseen: share of each strand's points that no photograph could see, in [0, 1].
     """
 
     vertices: Float[Tensor, "vertex 3"]
@@ -35,6 +36,7 @@ class Groom:
     root_normal: Float[Tensor, "strand 3"] | None = None
     width: Float[Tensor, " vertex"] | None = None
     color: Float[Tensor, "strand 3"] | None = None
+    unseen: Float[Tensor, " strand"] | None = None
 
     def __post_init__(self) -> None:
         if len(self.offsets) == 0 or int(self.offsets[0]) != 0 or int(self.offsets[-1]) != len(self.vertices):
@@ -60,6 +62,7 @@ class Groom:
             root_normal=strands.root_normal,
             width=None if strands.width is None else strands.width.reshape(-1),
             color=strands.color,
+            unseen=strands.unseen,
         )
 
     @property
@@ -98,7 +101,7 @@ class Groom:
         else:
             positions = resample_ragged(self.vertices, self.offsets, points)
             width = _resampled_width(self, points)
-        return Strands(positions, self.root_uv, self.root_normal, width, self.color)
+        return Strands(positions, self.root_uv, self.root_normal, width, self.color, self.unseen)
 
     def transformed(self, rotation: Float[Tensor, "3 3"], scale: float) -> "Groom":
         """Rotate (new = rotation @ old), then scale every length."""

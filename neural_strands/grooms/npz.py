@@ -45,7 +45,7 @@ def read_npz(path: Path) -> Groom:
     sizes = _sizes(path, arrays, places["offsets"])
     vertices = arrays["vertices"]
     shapes = {"vertices": (len(vertices), 3), "root_uv": (len(sizes), 2), "root_normal": (len(sizes), 3)}
-    shapes |= {"width": (len(vertices),), "color": (len(sizes), 3)}
+    shapes |= {"width": (len(vertices),), "color": (len(sizes), 3), "unseen": (len(sizes),)}
     for name, shape in shapes.items():
         if name in arrays and (arrays[name].shape != shape or arrays[name].dtype.kind != "f"):
             found = f"{arrays[name].dtype} {arrays[name].shape}"

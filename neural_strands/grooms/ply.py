@@ -1,7 +1,7 @@
 """`.ply` files: vertices and edges, as Blender, MeshLab and trimesh read them; binary is written, text read as well.
 
 Kept, as float32: points, widths (a property of the vertices), and in an element `strand` of our own, which other
-programs skip, root uv, root normal and colour. Edges that follow each other are joined into strands.
+programs skip, root uv, root normal, colour and the unseen share. Edges that follow each other are joined into strands.
 """
 
 import re
@@ -22,7 +22,12 @@ TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 """Names of the scalar types, and numpy's."""
-STRAND_PROPERTIES = {"root_uv": ("u", "v"), "root_normal": ("nx", "ny", "nz"), "color": ("red", "green", "blue")}
+STRAND_PROPERTIES = {
+    "root_uv": ("u", "v"),
+    "root_normal": ("nx", "ny", "nz"),
+    "color": ("red", "green", "blue"),
+    "unseen": ("unseen",),
+}
 """Attributes of a strand and their properties."""
 ELEMENT = re.compile(r"element (\S+) (\d{1,18})")
 PROPERTY = re.compile(r"property (\S+) (\S+)")
@@ -100,7 +105,8 @@ def write_ply(path: Path, groom: Groom) -> None:
         file.write(np.stack(columns, axis=1).astype("<f4").tobytes())
         file.write(np.stack([first, first + 1], axis=1).astype("<i4").tobytes())
         if present:
-            table = np.concatenate([getattr(groom, name).cpu().numpy() for name in present], axis=1)
+            values = [getattr(groom, name).cpu().numpy().reshape(len(groom), -1) for name in present]
+            table = np.concatenate(values, axis=1)
             file.write(table.astype("<f4").tobytes())
 
 
@@ -194,7 +200,7 @@ def _strand_attributes(path: Path, table: np.ndarray, strands: int, where: str) 
         raise refuse(path, where, f"{strands} rows of strand, as the edges make", str(len(table)))
     names = set(table.dtype.names or ())
     return {
-        name: np.stack([table[column] for column in columns], axis=1)
+        name: table[columns[0]] if len(columns) == 1 else np.stack([table[column] for column in columns], axis=1)
         for name, columns in STRAND_PROPERTIES.items()
         if set(columns) <= names
     }

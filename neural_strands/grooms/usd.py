@@ -1,9 +1,10 @@
 """USD files (`.usd`, `.usdc` binary; `.usda` text): strands as one BasisCurves prim, as Blender and Houdini open it.
 
 Kept, as float32: points, root uv (primvar `st`, a value a strand), root normals (primvar `rootNormal`), widths
-(`widths`, a value a point) and colours (`displayColor`, a value a strand). Written linear, in metres, y up, rooted
-at the first point. Read from every BasisCurves prim of the stage, linear or cubic (bezier, bspline, catmullRom:
-sampled along the curve), through the transforms above it, metersPerUnit and upAxis, into metres, y up, +z front.
+(`widths`, a value a point), colours (`displayColor`, a value a strand) and the share of a strand that no photograph
+could see (primvar `unseen`). Written linear, in metres, y up, rooted at the first point. Read from every BasisCurves
+prim of the stage, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), through the transforms above
+it, metersPerUnit and upAxis, into metres, y up, +z front.
 """
 
 import json
@@ -24,6 +25,13 @@ LONGEST_READ = 600
 """Seconds after which a stage is given up."""
 CRATE_HEADER = 24
 """Magic (8 bytes), version (8) and the offset of the table of contents (8) of a binary file."""
+VALUE_TYPES = {
+    "root_uv": ("TexCoord2fArray", "Vec2fArray"),
+    "root_normal": ("Normal3fArray", "Vec3fArray"),
+    "color": ("Color3fArray", "Vec3fArray"),
+    "unseen": ("FloatArray", "FloatArray"),
+}
+"""The type of each primvar, and USD's array that holds its values."""
 
 
 def read_usd(path: Path) -> Groom:
@@ -88,12 +96,11 @@ def write_usd(path: Path, groom: Groom) -> None:
         curves.CreateWidthsAttr(arrays.FloatArray.FromNumpy(groom.width.cpu().float().numpy()))
         curves.SetWidthsInterpolation(geometry.Tokens.vertex)
     primvars = geometry.PrimvarsAPI(curves)
-    names, kinds = sdf.ValueTypeNames, {"st": "TexCoord2fArray", "rootNormal": "Normal3fArray"}
-    for name, (primvar, channels) in PRIMVARS.items():
+    for name, (primvar, _) in PRIMVARS.items():
         if (value := getattr(groom, name)) is not None:
-            kind = getattr(names, kinds.get(primvar, "Color3fArray"))
-            array = arrays.Vec2fArray if channels == 2 else arrays.Vec3fArray
-            added = primvars.CreatePrimvar(primvar, kind, geometry.Tokens.uniform)
+            kind, holder = VALUE_TYPES[name]
+            array = getattr(arrays, holder)
+            added = primvars.CreatePrimvar(primvar, getattr(sdf.ValueTypeNames, kind), geometry.Tokens.uniform)
             added.Set(array.FromNumpy(np.ascontiguousarray(value.cpu().float().numpy())))
     try:
         layer.Export(str(path))

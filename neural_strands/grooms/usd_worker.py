@@ -22,8 +22,13 @@ BASE_MEMORY = 2**30
 """Bytes of memory allowed to any stage."""
 MEMORY_PER_BYTE = 64
 """Bytes of memory allowed beside that for each byte of the file."""
-PRIMVARS = {"root_uv": ("st", 2), "root_normal": ("rootNormal", 3), "color": ("displayColor", 3)}
-"""Attributes of a strand, their primvars and channels."""
+PRIMVARS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "root_uv": ("st", (2,)),
+    "root_normal": ("rootNormal", (3,)),
+    "color": ("displayColor", (3,)),
+    "unseen": ("unseen", ()),
+}
+"""Attributes of a strand, their primvars and the shape of one value."""
 
 
 def main(source: Path, target: Path) -> int:
@@ -95,10 +100,10 @@ def _curves(prim: Any, scale: float, up: str) -> Curves:
     if len(widths):
         attributes["width"] = widths
     primvars = geometry.PrimvarsAPI(prim)
-    for name, (primvar, channels) in PRIMVARS.items():
+    for name, (primvar, shape) in PRIMVARS.items():
         found = primvars.GetPrimvar(primvar)
         values = found.ComputeFlattened(time) if found and found.HasValue() else None
-        if values is not None and np.shape(values) == (len(sizes), channels):
+        if values is not None and np.shape(values) == (len(sizes), *shape):
             attributes[name] = np.array(values, dtype=np.float64)
     read = sampled(place, Curves(points, sizes, attributes), basis, pinned=wrap == "pinned")
     matrix = np.array(geometry.Xformable(prim).ComputeLocalToWorldTransform(time))

@@ -25,6 +25,7 @@ def test_select_keeps_attributes_together():
         CORNER,
         root_uv=torch.tensor([[0.1, 0.2], [0.3, 0.4]]),
         width=torch.tensor([[1.0, 2, 3], [4, 5, 6]]),
+        unseen=torch.tensor([0.0, 0.25]),
     )
     for index in (torch.tensor([1]), torch.tensor([False, True])):
         kept = strands.select(index)
@@ -35,6 +36,8 @@ def test_select_keeps_attributes_together():
         assert torch.equal(kept.root_uv, torch.tensor([[0.3, 0.4]]))
         assert kept.width is not None
         assert torch.equal(kept.width, torch.tensor([[4.0, 5, 6]]))
+        assert kept.unseen is not None
+        assert kept.unseen.tolist() == [0.25]
         assert kept.color is None
 
 

@@ -18,4 +18,5 @@ def make_groom(sizes: list[int], seed: int = 0) -> Groom:
         root_normal=torch.nn.functional.normalize(torch.randn(strands, 3, generator=generator), dim=1),
         width=width.repeat_interleave(counts),
         color=torch.rand(strands, 3, generator=generator),
+        unseen=torch.rand(strands, generator=generator),
     )
