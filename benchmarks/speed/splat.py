@@ -1,6 +1,6 @@
 """The static raster part of a frame: lines, visible points, splat pyramid and its backward pass, with peak memory.
 
-python benchmarks/splat.py [--device cpu|cuda]
+python benchmarks/speed/splat.py [--device cpu|cuda]
 """
 
 from dataclasses import dataclass

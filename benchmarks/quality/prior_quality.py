@@ -1,16 +1,18 @@
 """Accuracy of the strand prior beside a PCA of the same size, on artists' grooms and on coils.
 
-    python benchmarks/prior_quality.py DATA [--weights FILE] [--optimise 200]
+    python benchmarks/quality/prior_quality.py DATA [--weights FILE] [--optimise 200]
 
 DATA is the folder that holds grooms/ (sintel_bob, straight_long, wavy_long, coil_swatch); without it only the
 procedural coils are measured. None of these strands is among the training curves.
 """
 
-import argparse
 import math
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import tyro
 from torch import Tensor
 
 from neural_strands.geometry.resample import resample_polyline_lengths, resample_strands
@@ -87,13 +89,21 @@ def report(prior: StrandPrior, pca: StrandPca, name: str, strands: Tensor, steps
         print(row("  from the mean strand", bare.decode(better), strands[::every]))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="?", type=Path)
-    parser.add_argument("--weights", type=Path)
-    parser.add_argument("--optimise", type=int, default=0)
-    parser.add_argument("--curves", type=int, default=20000)
-    arguments = parser.parse_args()
+@dataclass(frozen=True)
+class Arguments:
+    """What to measure."""
+
+    data: Annotated[Path | None, tyro.conf.Positional] = None
+    """Folder that holds grooms/; without it only the procedural coils are measured."""
+    weights: Path | None = None
+    """Weights of a prior, instead of those that come with the package."""
+    optimise: int = 0
+    """Steps by which latents are also optimised; 0 for none."""
+    curves: int = 20_000
+    """Curves that the PCA is fitted to."""
+
+
+def main(arguments: Arguments) -> None:
     prior = load_prior(arguments.weights)
     generator = torch.Generator().manual_seed(0)
     pca = StrandPca.fit(torch.cat([synthetic_curves(1000, generator) for _ in range(arguments.curves // 1000)]))
@@ -103,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Arguments))

@@ -1,6 +1,6 @@
 """Appearance alone, fitted to the true strands of a capture: PSNR, SSIM and LPIPS in the hair of held-out views.
 
-    python benchmarks/appearance.py --capture ../shared/data/captures/sintel_bob --out appearance
+    python benchmarks/quality/appearance.py --capture ../shared/data/captures/sintel_bob --out appearance
 
 Every fifth view is held out. Beside the fitted renderer, two baselines see the same strands and photographs: one colour
 a strand, splatted; and the nearest training view, warped by the geometry. Prints one JSON object, and writes pictures
@@ -119,7 +119,8 @@ def known_colours(model: HairModel, strands: Strands, targets: list[Observation]
     """Mean colour of the pixels that each strand is seen at; of its nearest seen neighbours where it is never seen."""
     colours, weight = strand_colours(model, strands, targets)
     seen = weight > 0.5
-    gap = torch.cdist(strands.root_uv[~seen], strands.root_uv[seen])
+    uv = model.root_uv
+    gap = torch.cdist(uv[~seen], uv[seen])
     colours[~seen] = colours[seen][gap.topk(4, largest=False).indices].mean(dim=1)
     return colours
 
@@ -154,6 +155,8 @@ def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets
 
 def scores(image: torch.Tensor, target: Observation, lpips: Lpips | None) -> list[float]:
     """PSNR, SSIM and LPIPS in the hair region."""
+    if target.mask is None:
+        raise SystemExit(f"{target.camera.name}: expected a hair mask, found none; choose a capture with masks.")
     hair = (target.mask > 0.5).float()
     image = image.clamp(0, 1)
     distance = float("nan") if lpips is None else float(lpips(image, target.image, hair))

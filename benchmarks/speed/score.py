@@ -1,6 +1,6 @@
 """Scores four million true points against one million predicted ones: time and peak memory.
 
-    python benchmarks/score.py
+    python benchmarks/speed/score.py
 
 The grooms are made here: gently waving strands that leave a hemisphere of 10 cm, as dense as real hair is sampled;
 the prediction is every fourth strand, disturbed by a few millimetres. The figure asked for is below 90 s and 6 GB on

@@ -1,6 +1,6 @@
 """Nearest neighbours within a radius: 300,000 queries against 500,000 points of a groom.
 
-    python benchmarks/nearest.py
+    python benchmarks/speed/nearest.py
 
 Times the building of the grid and the search, on 2 CPU threads and, where there is one, on CUDA.
 """

@@ -1,18 +1,23 @@
 """Line-based multi-view stereo: time and memory of a capture end to end, and its score against the ground truth.
 
-Usage: python benchmarks/lmvs.py CAPTURE OUT [--keep] [--device cuda]; OUT/work is emptied first unless --keep is given.
+    python benchmarks/speed/lmvs.py CAPTURE OUT [--keep] [--device cuda]
+
+OUT/work is emptied first unless --keep is given.
 """
 
-import argparse
 import math
 import resource
 import shutil
 import time
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import tyro
 
 from neural_strands.capture.capture import Capture
+from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.fitting.stereo import capture_views, moved
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.point_queries import match_levels
@@ -26,20 +31,29 @@ THRESHOLDS = [(0.001, 0.17453), (0.002, 0.34907), (0.003, 0.5236)]
 STEP = 0.0005
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("capture", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--keep", action="store_true")
-    parser.add_argument("--device", default="cpu")
-    given = parser.parse_args()
+@dataclass(frozen=True)
+class Arguments:
+    """What to reconstruct."""
+
+    capture: Annotated[Path, tyro.conf.Positional]
+    """Folder of the capture."""
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the results."""
+    keep: bool = False
+    """Use what OUT/work holds of an earlier run."""
+    device: DeviceName = "cpu"
+    """Where to compute."""
+
+
+def main(given: Arguments) -> None:
+    device = pick_device(given.device)
     if not given.keep:
         shutil.rmtree(given.out / "work", ignore_errors=True)
     capture = Capture.load(given.capture)
     begin = time.perf_counter(), time.process_time()
     generator = torch.Generator().manual_seed(0)
-    views = [moved(view, given.device) for view in capture_views(capture)]
-    head = None if capture.head is None else capture.head.to(given.device)
+    views = [moved(view, device) for view in capture_views(capture)]
+    head = None if capture.head is None else capture.head.to(device)
     # Back on the CPU, so all of it is done when the clock is read.
     segments = reconstruct(views, head, LmvsConfig(), generator, given.out / "work", track).to("cpu")
     segments = orient_segments(segments, capture.head, capture.scalp_faces, [], GrowthConfig())
@@ -70,4 +84,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Arguments))

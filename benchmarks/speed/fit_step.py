@@ -1,23 +1,24 @@
-"""What one step of the fit costs, part by part: `python benchmarks/fit_step.py [--preset fast] [--device cpu]`.
+"""What one step of the fit costs, part by part: `python benchmarks/speed/fit_step.py [--preset fast] [--device cpu]`.
 
 Stand-in segments above the built-in mannequin and grey photographs: no data is needed, the work is that of a real step.
 """
 
-import argparse
 import json
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import torch
+import tyro
 
 from neural_strands.capture.capture import Capture
+from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.evaluation.timing import Timing, time_function
-from neural_strands.fitting.config import FitConfig, preset
+from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit, step_generator
 from neural_strands.fitting.fit_data import FitData, gather_fit_data, random_region
@@ -32,6 +33,18 @@ from neural_strands.scalp.roots import sample_roots
 from neural_strands.synthesis.dome import DomeConfig, dome
 
 SEGMENT_POINTS = 100_000
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Which step to measure."""
+
+    preset: Preset = "fast"
+    """Settings of the fit."""
+    device: DeviceName = "cpu"
+    """Where to compute."""
+    resolution: int = 512
+    """Side of the photographs, pixels."""
 
 
 def grey_capture(folder: Path, points: torch.Tensor, resolution: int) -> None:
@@ -96,23 +109,18 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
     return rows
 
 
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Print the table."""
     keep_freed_memory()  # as the command line does
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--preset", choices=("demo", "fast", "paper"), default="fast")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--resolution", type=int, default=512, help="side of the photographs, pixels")
-    options = parser.parse_args()
-    device = torch.device(options.device)
-    config = replace(preset(options.preset), initialise="mean", hold_out_every=0)
+    device = pick_device(arguments.device)
+    config = replace(preset(arguments.preset), initialise="mean", hold_out_every=0)
     head = mannequin()
     roots = sample_roots(head, SEGMENT_POINTS, torch.Generator().manual_seed(0))
     lifted = roots.position + 0.01 * roots.normal
     number = torch.arange(len(lifted))
     segments = LineSegments(lifted, roots.frame[..., 0].contiguous(), torch.ones(len(lifted)), number)
     with TemporaryDirectory() as folder:
-        grey_capture(Path(folder), lifted, options.resolution)
+        grey_capture(Path(folder), lifted, arguments.resolution)
         data = gather_fit_data(Capture.load(folder), head, segments, config, device)
         rows = measure(data, config, device)
     for name, timing in rows:
@@ -121,4 +129,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Arguments))

@@ -1,6 +1,6 @@
 """What each loss, start and modulation of the strand prior does: variants trained alike, and their errors side by side.
 
-    python benchmarks/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 500]
+    python benchmarks/quality/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 500]
 
 All variants see the same curves (seed) for the same steps: those of the paper's preset (names without a star) change
 one thing in it, those of our default (with a star) one thing there. DATA as in prior_quality.py; of each groom some
@@ -8,13 +8,14 @@ strands are taken. A variant that is finished in OUT is not trained again, one t
 OUT/table.txt and OUT/table.json.
 """
 
-import argparse
 import json
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import tyro
 from prior_quality import sets
 from torch import Tensor
 
@@ -150,20 +151,31 @@ def table(results: dict[str, dict], kind: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--only", nargs="*", help="names of variants; all by default")
-    parser.add_argument("--steps", type=int, default=4000, help="of the paper's preset, 128 curves each")
-    parser.add_argument("--our-steps", type=int, default=500, help="of each stage of our default, 128 curves each")
-    parser.add_argument("--optimise", type=int, default=200, help="steps by which latents are also optimised; 0: none")
-    parser.add_argument("--strands", type=int, default=500, help="at most, of each groom")
-    arguments = parser.parse_args()
+@dataclass(frozen=True)
+class Arguments:
+    """Which variants to train, and what to measure them on."""
+
+    data: Annotated[Path, tyro.conf.Positional]
+    """Folder that holds grooms/."""
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the results."""
+    only: tuple[str, ...] = ()
+    """Names of variants; all by default."""
+    steps: int = 4000
+    """Steps of the paper's preset, 128 curves each."""
+    our_steps: int = 500
+    """Steps of each stage of our default, 128 curves each."""
+    optimise: int = 200
+    """Steps by which latents are also optimised; 0 for none."""
+    strands: int = 500
+    """Most strands that are taken of each groom."""
+
+
+def main(arguments: Arguments) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     chosen = variants(arguments.steps, arguments.our_steps)
-    if unknown := set(arguments.only or ()) - set(chosen):
-        parser.error(f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}")
+    if unknown := set(arguments.only) - set(chosen):
+        raise SystemExit(f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}")
     data: dict[str, Tensor] = {}
     held_out = synthetic_curves(HELD_OUT, seeded(0, 6), points=FINE)
     finished = {name: arguments.out / f"{file_name(name)}.json" for name in chosen}
@@ -197,4 +209,4 @@ def some(strands: Tensor, count: int) -> Tensor:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Arguments))

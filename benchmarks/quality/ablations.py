@@ -1,6 +1,6 @@
 """What each part of the fit does: variants with one thing changed, on one capture, side by side.
 
-    python benchmarks/ablations.py CAPTURE OUT [--only NAME ...] [--steps 300] [--positions-prior FILE]
+    python benchmarks/quality/ablations.py CAPTURE OUT [--only NAME ...] [--steps 300] [--positions-prior FILE]
 
 All variants share line segments (made once, kept in OUT), seed and number of steps. A variant that is finished in OUT
 is not run again, one that was stopped goes on from its checkpoint. Writes OUT/table.txt, OUT/table.json and
@@ -13,13 +13,14 @@ strands traced through the segments, which leaves little to the order in which s
 mean strand at every root, is run with its coarse-to-fine and root-to-tip schedule and without.
 """
 
-import argparse
 import json
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -27,7 +28,7 @@ from matplotlib.image import imread
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import training_views
 from neural_strands.evaluation.pictures import geometry_picture, png
-from neural_strands.fitting.config import FitConfig, preset
+from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import atomic_file
@@ -207,21 +208,33 @@ def write_results(names: list[str], capture: Capture, out: Path) -> None:
     contact_sheet(list(results), capture, out)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("capture", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--only", nargs="*", help="names of variants; all by default")
-    parser.add_argument("--steps", type=int, default=300)
-    parser.add_argument("--crop", type=int, default=128, help="side of a step's image region, pixels")
-    parser.add_argument("--preset", choices=("demo", "fast", "paper"), default="fast")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--positions-prior", type=Path, help="weights of a prior that outputs positions")
-    arguments = parser.parse_args()
+@dataclass(frozen=True)
+class Arguments:
+    """Which variants to run, on what."""
+
+    capture: Annotated[Path, tyro.conf.Positional]
+    """Folder of the capture."""
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the results."""
+    only: tuple[str, ...] = ()
+    """Names of variants; all by default."""
+    steps: int = 300
+    """Optimisation steps of each."""
+    crop: int = 128
+    """Side of a step's image region, pixels."""
+    preset: Preset = "fast"
+    """Settings that the variants change."""
+    seed: int = 0
+    """Seed of everything random."""
+    positions_prior: Path | None = None
+    """Weights of a prior that outputs positions."""
+
+
+def main(arguments: Arguments) -> None:
     base = replace(preset(arguments.preset), steps=arguments.steps, crop=arguments.crop, seed=arguments.seed)
     chosen = variants(base, arguments.positions_prior)
-    if unknown := set(arguments.only or ()) - set(chosen):
-        parser.error(
+    if unknown := set(arguments.only) - set(chosen):
+        raise SystemExit(
             f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}, "
             "positions only with --positions-prior"
         )
@@ -236,4 +249,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Arguments))

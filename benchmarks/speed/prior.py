@@ -1,17 +1,19 @@
 """Speed of the strand prior: decode, decode with gradients, encode, load; and how cost grows.
 
-    python benchmarks/prior.py [--device cpu] [--threads 2] [--json]
+    python benchmarks/speed/prior.py [--device cpu] [--threads 2] [--json]
 
 Prints the shortest of several runs (milliseconds), and the ratio of the cost of twice the strands or points.
 """
 
-import argparse
 import json
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
+import tyro
 
+from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.prior.vae import load_prior
 
@@ -57,17 +59,26 @@ def measured(device: torch.device, strands: int, repeats: int) -> dict[str, floa
     }
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Arguments:
+    """What to measure."""
+
+    device: DeviceName = "cpu"
+    """Where to compute."""
+    threads: int = 2
+    """CPU threads."""
+    strands: int | None = None
+    """Strands; by default 10,000 on the CPU and 30,000 on CUDA."""
+    repeats: int = 7
+    """Runs of each figure."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+def main(arguments: Arguments) -> None:
     keep_freed_memory()  # as the command line does
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--strands", type=int, default=0, help="default 10,000 on a CPU, 30,000 on CUDA")
-    parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
-    device = torch.device(arguments.device)
+    device = pick_device(arguments.device)
     strands = arguments.strands or (10_000 if device.type == "cpu" else 30_000)
     figures = measured(device, strands, arguments.repeats)
     if arguments.json:
@@ -78,4 +89,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Arguments))

@@ -1,6 +1,6 @@
 """Line rasteriser: milliseconds and peak memory by strands and pixels, beside Mesa's OpenGL drawing the same lines.
 
-    python benchmarks/lines.py [--device cpu|cuda]
+    python benchmarks/speed/lines.py [--device cpu|cuda]
 
 OpenGL (moderngl, EGL, on the CPU Mesa's llvmpipe) draws one-pixel lines with depth test and writes the segment index;
 its time has the drawing and the reading back of the index and depth images, not the upload of the strands.
@@ -91,10 +91,11 @@ class OpenGl:
     def __init__(self, points: torch.Tensor, camera: Camera) -> None:
         import moderngl
 
-        self.context = moderngl.create_context(standalone=True, backend="egl")
+        self.context = moderngl.create_context(standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
         self.name = self.context.info["GL_RENDERER"]
         program = self.context.program(vertex_shader=VERTEX_SHADER, fragment_shader=FRAGMENT_SHADER)
-        program["to_pixels"].write(projection_matrix(camera, torch.device("cpu")).T.contiguous().numpy().tobytes())
+        matrix = projection_matrix(camera, torch.device("cpu")).T.contiguous()
+        program["to_pixels"].write(matrix.numpy().tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         program["size"] = (camera.width, camera.height)
         strands, count, _ = points.shape
         vertices = self.context.buffer(points.contiguous().numpy().tobytes())

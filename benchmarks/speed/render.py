@@ -1,7 +1,7 @@
 """Where the time of a frame goes: decode, body, lines, splat and image generator, in milliseconds, with peak memory.
 
-    python benchmarks/render.py --device cpu
-    python benchmarks/render.py --device cuda
+    python benchmarks/speed/render.py --device cpu
+    python benchmarks/speed/render.py --device cuda
 
 The groom is made here: strands of the shipped generator on a hemisphere of 9 cm. A static frame renders strands that
 were decoded before; a dynamic frame decodes them too. Then the cost is measured against strands and against pixels.
@@ -95,7 +95,7 @@ def hair_model(strands: int, arguments: Arguments, device: torch.device) -> Hair
         model.textures.appearance.normal_(generator=random)
     model = model.to(device).eval()
     if arguments.compile:
-        model.unet = torch.compile(model.unet)
+        model.unet.compile()
     return model
 
 
