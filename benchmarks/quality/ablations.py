@@ -29,13 +29,14 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import training_views
 from neural_strands.evaluation.pictures import geometry_picture, png
 from neural_strands.fitting.config import FitConfig, Preset, preset
+from neural_strands.fitting.first_model import fit_prior
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import atomic_file
-from neural_strands.foundation.progress import track
+from neural_strands.foundation.progress import Feedback, track
 from neural_strands.lmvs.files import save_segments
 from neural_strands.runs.evaluate import RunContents, evaluate_run, open_run
-from neural_strands.runs.run_fit import FitRequest, find_head, fit_prior, run_fit
+from neural_strands.runs.run_fit import FitRequest, find_head, run_fit
 from neural_strands.runs.run_folder import weights_digest
 
 CPU = torch.device("cpu")
@@ -112,7 +113,8 @@ def run_variant(name: str, variant: Variant, capture: Path, out: Path) -> None:
         return
     start = time.perf_counter()
     request = FitRequest(capture, run, segments=out / "segments.npz", resume=True, prior=variant.prior)
-    state = run_fit(request, variant.config, CPU, lambda sentence: print(f"{name}: {sentence}", flush=True), track)
+    feedback = Feedback(lambda sentence: print(f"{name}: {sentence}", flush=True), track)
+    state = run_fit(request, variant.config, CPU, feedback)
     seconds = time.perf_counter() - start
     contents = open_run(run, CPU)
     result = evaluate_run(contents, CPU)

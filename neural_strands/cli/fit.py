@@ -9,7 +9,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.progress import track
+from neural_strands.foundation.progress import Feedback, track
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Fit:
         config = replace(preset(self.preset), seed=self.seed)
         config = replace(config, steps=self.steps or config.steps, strands=self.strands or config.strands)
         request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior)
-        state = run_fit(request, config, pick_device(self.device), say, track)
+        state = run_fit(request, config, pick_device(self.device), Feedback(say, track))
         sys.stdout.write(f"{len(state.drawn)} strands after {state.step} steps: {self.out / 'groom.usd'}\n")
 
 

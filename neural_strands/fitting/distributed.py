@@ -58,6 +58,14 @@ class Workers:
         if self.count > 1:
             distributed.barrier()
 
+    def agree(self, number: int) -> int:
+        """The leader's number, in every process."""
+        if self.count == 1:
+            return number
+        held = [number]
+        distributed.broadcast_object_list(held, src=0)
+        return held[0]
+
     def close(self) -> None:
         """Leave the group."""
         if self.count > 1:

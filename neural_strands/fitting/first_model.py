@@ -1,6 +1,7 @@
 """The model that a fit starts from: roots on the scalp and first strands at each of them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 
@@ -10,8 +11,18 @@ from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.masked_views import MaskedViews
 from neural_strands.model.hair_model import HairModel
-from neural_strands.prior.vae import StrandPrior
+from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.scalp.roots import sample_roots
+
+
+def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
+    """The prior as a fit uses it: these weights, or the package's own; without coupling layers, if it has any.
+
+    Raises:
+        InputError: there is no such file, or no strand prior in it.
+    """
+    prior = load_prior(path, device)
+    return prior.without_modulator() if prior.generator.config.modulator == "coupling" else prior
 
 
 def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairModel:

@@ -1,13 +1,39 @@
-"""Progress bars on standard error, silent when it is not a terminal."""
+"""How a long computation tells a person where it is: sentences, and progress on standard error."""
 
 import sys
-from collections.abc import Iterable, Iterator
-from typing import TypeVar
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 T = TypeVar("T")
+
+SECONDS_A_LINE = 60.0
+"""Without a terminal a long loop says where it is this often."""
+
+
+def _unsaid(_: str) -> None:
+    pass
+
+
+def _untracked(items: Iterable[Any], _description: str, _total: int | None = None) -> Iterable[Any]:
+    return items
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """Whom a long computation tells what it is doing; by default nobody.
+
+    Attributes:
+        say: told one sentence at each stage.
+        track: shows the progress of a loop: given the items, a description and their number, it returns the items.
+    """
+
+    say: Callable[[str], None] = _unsaid
+    track: Callable[[Iterable[Any], str, int], Iterable[Any]] = _untracked
 
 
 def progress_bar() -> Progress:
@@ -22,7 +48,22 @@ def progress_bar() -> Progress:
     )
 
 
-def track(items: Iterable[T], description: str, total: int | None = None) -> Iterator[T]:
-    """Yield `items` while a bar shows how many are done."""
-    with progress_bar() as bar:
-        yield from bar.track(items, total=total, description=description)
+def track(
+    items: Iterable[T],
+    description: str,
+    total: int | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[T]:
+    """Yield `items` while standard error shows how many are done: a bar on a terminal, else one line a minute."""
+    if sys.stderr.isatty():
+        with progress_bar() as bar:
+            yield from bar.track(items, total=total, description=description)
+        return
+    told = clock()
+    for done, item in enumerate(items):
+        if clock() - told >= SECONDS_A_LINE:
+            told = clock()
+            share = f"{done} of {total}" if total is not None else str(done)
+            sys.stderr.write(f"{description}: {share}\n")
+            sys.stderr.flush()
+        yield item

@@ -1,8 +1,6 @@
-"""One fit from start to end: segments, first strands, steps, checkpoints, results."""
+"""One fit from start to end: prepare a new run or one to resume, gather its inputs, take its steps."""
 
-import json
 import time
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,21 +8,19 @@ import torch
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import training_views
-from neural_strands.evaluation.lpips import find_lpips
-from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
-from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.first_model import begin, fit_prior
 from neural_strands.fitting.fit import FitState, fit
 from neural_strands.fitting.fit_data import FitData, check_inputs, check_views, gather_fit_data
 from neural_strands.fitting.losses import Perceptual
+from neural_strands.fitting.perceptual import perceptual_loss
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file
-from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs.files import load_segments, save_segments
-from neural_strands.prior.vae import StrandPrior, load_prior
+from neural_strands.prior.vae import StrandPrior
 from neural_strands.runs.forecast import forecast, steps_for
 from neural_strands.runs.outputs import write_outputs, write_preview
 from neural_strands.runs.run_folder import (
@@ -36,6 +32,7 @@ from neural_strands.runs.run_folder import (
     weights_digest,
     write_description,
 )
+from neural_strands.runs.run_log import RunLog
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
 
@@ -51,8 +48,8 @@ class FitRequest:
         capture: folder of the capture.
         out: folder of the run.
         head: head file that replaces the capture's, if any.
-        segments: line segments of the training views, if they are already there.
-        resume: go on with the run in `out`.
+        segments: line segments of the training views, if they exist already.
+        resume: continue the run in `out`.
         minutes: take as many steps as fit into this many minutes, if set.
         prior: weights of a strand prior, instead of those that come with the package.
     """
@@ -66,171 +63,161 @@ class FitRequest:
     prior: Path | None = None
 
 
-class RunLog:
-    """Figures of every step, one JSON object a line; lines past the step that a run resumes from are dropped."""
+@dataclass(frozen=True)
+class PreparedRun:
+    """A run whose request has been checked, before anything is written.
 
-    def __init__(self, path: Path, step: int) -> None:
-        """Open for a run that has done `step` steps.
+    Attributes:
+        folder: where it is kept.
+        described: what `run.json` says or will say, settings included.
+        capture: all views.
+        head: mesh and scalp chart.
+        prior: strand prior.
+        perceptual: perceptual distance.
+        resuming: whether the folder holds this run already.
+        device: where to compute.
+        workers: the processes that share it.
+    """
 
-        Raises:
-            InputError: the file cannot be written.
-        """
-        self._path = path
-        kept = path.read_text(encoding="utf-8").splitlines()[:step] if path.is_file() and step else []
-        with atomic_file(path) as temporary:
-            temporary.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
-        self._waiting: list[str] = []
+    folder: RunFolder
+    described: RunDescription
+    capture: Capture
+    head: Head
+    prior: StrandPrior
+    perceptual: Perceptual
+    resuming: bool
+    device: torch.device
+    workers: Workers
 
-    def add(self, figures: dict[str, float]) -> None:
-        """Append one step; `flush` puts it on disk."""
-        self._waiting.append(json.dumps({name: round(value, 6) for name, value in figures.items()}) + "\n")
+    @property
+    def config(self) -> FitConfig:
+        """The resolved settings."""
+        return self.described.config
 
-    def flush(self) -> None:
-        """Put what was added on disk.
-
-        Raises:
-            InputError: the disk is full or cannot be written to.
-        """
-        lines, self._waiting = self._waiting, []
-        try:
-            with self._path.open("a", encoding="utf-8") as file:
-                file.writelines(lines)
-        except OSError as error:
-            raise InputError(f"{self._path}: cannot be written ({error.strerror or error}).") from error
+    @property
+    def training_capture(self) -> Capture:
+        """The views that the fit may see."""
+        return self.capture.subset(training_views(len(self.capture), self.config.hold_out_every))
 
 
-def run_fit(
-    request: FitRequest,
-    config: FitConfig,
-    device: torch.device,
-    say: Callable[[str], None],
-    track: Callable[[Iterable, str, int], Iterable],
-) -> FitState:
+def run_fit(request: FitRequest, config: FitConfig, device: torch.device, feedback: Feedback) -> FitState:
     """Fit a capture into a folder.
 
     Args:
         request: what and where.
         config: settings; those of a resumed run must be the same.
         device: where to compute.
-        say: told one sentence at each stage.
-        track: shows progress of a loop, given the items, a description and their number.
+        feedback: told of each stage and of the progress within it.
 
     Raises:
-        InputError: anything about the input that no fit can come of; what was there before stays.
+        InputError: anything about the input that makes a fit impossible; what was there before stays.
     """
     workers = Workers.join(device)
+    try:
+        run = prepare_run(request, config, device, workers, feedback)
+        data = gather_inputs(run, request.segments, feedback)
+        return run_steps(run, data, feedback)
+    finally:
+        workers.close()
+
+
+def prepare_run(
+    request: FitRequest, config: FitConfig, device: torch.device, workers: Workers, feedback: Feedback
+) -> PreparedRun:
+    """Check a new run or the one to resume, and say what it will cost; nothing is written.
+
+    Raises:
+        InputError: the capture, the head or the segments cannot be fitted, or the folder holds another run.
+    """
     folder = RunFolder(request.out)
     capture = Capture.load(request.capture)
     head = find_head(capture, request.head)
-    going_on = folder.description.is_file()
-    if going_on and not request.resume:
-        raise InputError(f"{request.out}: a run is there already; give --resume to go on with it, or another folder.")
-    # Before anything is written: what is refused here leaves no run behind.
+    resuming = folder.description.is_file()
+    # No process may create the folder before all have looked at it.
+    workers.wait()
+    if resuming and not request.resume:
+        raise InputError(
+            f"{request.out}: a run is there already; give --resume to continue it, or name another folder."
+        )
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_views(seen)
-    if request.segments is not None and not folder.segments.is_file():
+    if request.segments is not None and not resuming:
         check_inputs(seen, load_segments(request.segments), head)
-    prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, say)
-    if not going_on:
+    prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
+    if not resuming:
         cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
         if request.minutes is not None:
-            config = replace(config, steps=steps_for(request.minutes, cost, config))
+            config = replace(config, steps=workers.agree(steps_for(request.minutes, cost, config)))
             cost = replace(cost, fit_seconds=60 * request.minutes)
-        say(cost.sentence())
+        feedback.say(cost.sentence())
     elif request.minutes is not None:
         config = replace(config, steps=read_description(folder).config.steps)
     described = RunDescription(
         str(request.capture), str(request.head or ""), fingerprint(capture, head), config, weights_digest(prior)
     )
-    if going_on:
+    if resuming:
         check_same(folder, described)
-    if workers.leads:
-        write_description(folder, described)
-        if not folder.segments.is_file():
-            found = load_segments(request.segments) if request.segments is not None else None
-            save_segments(folder.segments, found or _stereo(folder, capture, head, config, device, say, track))
-    workers.wait()
-    segments = load_segments(folder.segments)
-    data = gather_fit_data(capture, head, segments, config, device)
-    say(f"{len(segments)} segment points" + ("; tracing first strands" if config.initialise == "flow" else ""))
-    state = begin(data, prior, config)
-    if going_on and folder.checkpoint.is_file():
+    return PreparedRun(folder, described, capture, head, prior, perceptual, resuming, device, workers)
+
+
+def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> FitData:
+    """Load or make the line segments of the training views, keep them in the run's folder, and gather what steps see.
+
+    Args:
+        run: from `prepare_run`.
+        given: file of segments to start a new run from; without one, line-based multi-view stereo makes them. What is
+            finished of it is kept in the run's folder, so that a stopped run goes on.
+        feedback: told of stages and progress.
+
+    Raises:
+        InputError: too few segments, or segments far from the head; no run is begun.
+    """
+    kept = run.folder.segments
+    if run.workers.leads and not (run.resuming and kept.is_file()):
+        if given is not None:
+            segments = load_segments(given)
+        else:
+            feedback.say("line-based multi-view stereo over the training views")
+            work = run.folder.path / "lmvs"
+            segments = find_segments(run.training_capture, run.head, run.config.seed, work, feedback.track, run.device)
+            check_inputs(run.training_capture, segments, run.head)
+        save_segments(kept, segments)
+    run.workers.wait()
+    return gather_fit_data(run.capture, run.head, load_segments(kept), run.config, run.device)
+
+
+def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
+    """Begin at first strands or at the checkpoint, take the remaining steps, and leave the results.
+
+    Stopped at any point, the run keeps a checkpoint and usable results.
+
+    Raises:
+        InputError: the checkpoint is damaged, the fit diverges, or the disk is full.
+    """
+    folder, config, leads = run.folder, run.config, run.workers.leads
+    tracing = "; tracing first strands" if config.initialise == "flow" else ""
+    feedback.say(f"{len(data.segments)} segment points{tracing}")
+    state = begin(data, run.prior, config)
+    if run.resuming and folder.checkpoint.is_file():
         load_checkpoint(state, folder.checkpoint)
-        say(f"going on from step {state.step} of {config.steps}")
+        feedback.say(f"resuming at step {state.step} of {config.steps}")
+    if leads:
+        write_description(folder, run.described)
     try:
-        _steps(state, data, config, perceptual, folder, workers, track)
+        _steps(state, run, data, feedback)
     finally:
-        if workers.leads:
+        if leads:
             save_checkpoint(state, folder.checkpoint)
-            write_outputs(folder, state.model, data, {"capture": str(request.capture), "step": str(state.step)})
-        workers.close()
+            write_outputs(folder, state.model, data, {"capture": run.described.capture, "step": str(state.step)})
     return state
 
 
-def find_head(capture: Capture, given: Path | None) -> Head:
-    """The head that was given, or the capture's own with its scalp faces.
-
-    Raises:
-        InputError: there is none, or it cannot be read.
-    """
-    if given is not None:
-        return load_head(given)
-    if capture.head_path is None:
-        raise InputError(
-            f"{capture.folder}: expected head.obj (the head in the cameras' frame, metres), found none; "
-            "put one there or name it with --head."
-        )
-    faces = capture.folder / "scalp_faces.json"
-    return load_head(capture.head_path, faces if faces.is_file() else None, scale=1.0)
-
-
-def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
-    """The prior as a fit uses it: those weights, or the package's own; without its coupling layers, if it has any.
-
-    Raises:
-        InputError: no such file, or no strand prior in it.
-    """
-    prior = load_prior(path, device)
-    return prior.without_modulator() if prior.generator.config.modulator == "coupling" else prior
-
-
-def perceptual_loss(device: torch.device, say: Callable[[str], None]) -> Perceptual:
-    """LPIPS where its weights can be had, the structural loss otherwise."""
-    metric, reason = find_lpips("squeeze", device)
-    if metric is not None:
-        return metric
-    say(f"{reason}; training uses the structural loss instead")
-    return structural_loss
-
-
-def _stereo(
-    folder: RunFolder,
-    capture: Capture,
-    head: Head,
-    config: FitConfig,
-    device: torch.device,
-    say: Callable[[str], None],
-    track: Callable[[Iterable, str, int], Iterable],
-) -> LineSegments:
-    """Segments of the training views; what is finished of them is kept in the run's folder."""
-    say("line-based multi-view stereo over the training views")
-    seen = capture.subset(training_views(len(capture), config.hold_out_every))
-    return find_segments(seen, head, config.seed, folder.path / "lmvs", track, device)
-
-
-def _steps(
-    state: FitState,
-    data: FitData,
-    config: FitConfig,
-    perceptual: Perceptual,
-    folder: RunFolder,
-    workers: Workers,
-    track: Callable[[Iterable, str, int], Iterable],
-) -> None:
-    """The loop with everything that happens now and then around it."""
-    log = RunLog(folder.log, state.step) if workers.leads else None
+def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback) -> None:
+    """The loop, with the log, checkpoints and previews around it."""
+    folder, config = run.folder, run.config
+    log = RunLog(folder.log, state.step) if run.workers.leads else None
     saved = shown = time.monotonic()
-    bar = iter(track(range(state.step, config.steps), "fitting", config.steps - state.step))
+    bar = iter(feedback.track(range(state.step, config.steps), "fitting", config.steps - state.step))
 
     def after_step(now: FitState, figures: dict[str, float]) -> None:
         nonlocal saved, shown
@@ -248,7 +235,24 @@ def _steps(
             shown = clock
 
     try:
-        fit(state, data, config, perceptual, workers, after_step)
+        fit(state, data, config, run.perceptual, run.workers, after_step)
     finally:
         if log is not None:
             log.flush()
+
+
+def find_head(capture: Capture, given: Path | None) -> Head:
+    """The head that was given, or the capture's own with its scalp faces.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if given is not None:
+        return load_head(given)
+    if capture.head_path is None:
+        raise InputError(
+            f"{capture.folder}: expected head.obj (the head in the cameras' frame, metres), found none; "
+            "put one there or name it with --head."
+        )
+    faces = capture.folder / "scalp_faces.json"
+    return load_head(capture.head_path, faces if faces.is_file() else None, scale=1.0)

@@ -180,6 +180,6 @@ def test_a_killed_fit_resumes_and_ends_where_an_unbroken_one_ends(tiny, request)
     broken.wait(timeout=60)
     assert not (tiny / "run" / "groom.npz").exists()
     assert start([*arguments, "--resume"]).wait(timeout=300) == 0
-    assert "going on from step" in (tiny / "stderr.txt").read_text()
+    assert "resuming at step" in (tiny / "stderr.txt").read_text()
     ours, theirs = read_groom(tiny / "run" / "groom.npz"), read_groom(tiny / "whole" / "groom.npz")
     assert torch.equal(ours.vertices, theirs.vertices)

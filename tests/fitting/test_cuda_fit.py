@@ -16,6 +16,7 @@ from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.stereo import capture_views, moved
+from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs import view_cache as work_module
 from neural_strands.lmvs.files import save_segments
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
@@ -100,7 +101,7 @@ def test_a_whole_run_from_photographs_to_scores(folder, tmp_path, emulated):
     config = replace(SHORT, initialise="flow")
     save_segments(tmp_path / "segments.npz", true_segments(Capture.load(folder).ground_truth.points))
     request = FitRequest(folder, tmp_path / "run", segments=tmp_path / "segments.npz")
-    state = run_fit(request, config, emulated, lambda _: None, lambda items, *_: items)
+    state = run_fit(request, config, emulated, Feedback())
     assert on_device(state.drawn)
     result = evaluate_run(open_run(tmp_path / "run", emulated), emulated)
     assert result.ours[-1].unsigned.as_dict()

@@ -26,6 +26,7 @@ from tiny_capture import tiny_config, true_segments
 torch.set_num_threads(1)
 folder, strands, out = map(Path, sys.argv[1:])
 workers = Workers.join(torch.device("cpu"))
+assert workers.agree(7 + workers.rank) == 7
 config = tiny_config(steps=2, views_per_step=2)
 capture = Capture.load(folder)
 segments = true_segments(torch.load(strands))

@@ -12,7 +12,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitRates
-from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.first_model import begin, fit_prior
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.schedule import ScheduleConfig
@@ -26,8 +26,9 @@ from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import StrandPrior, load_prior, save_prior
 from neural_strands.runs.outputs import write_outputs, write_preview
-from neural_strands.runs.run_fit import RunLog, find_head, fit_prior
+from neural_strands.runs.run_fit import find_head
 from neural_strands.runs.run_folder import RunFolder, weights_digest
+from neural_strands.runs.run_log import RunLog
 
 CPU = torch.device("cpu")
 

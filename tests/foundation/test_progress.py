@@ -1,8 +1,10 @@
-"""Progress is silent when nobody watches."""
+"""Progress: a bar on a terminal, a line a minute elsewhere, nothing for short loops."""
+
+import itertools
 
 import pytest
 
-from neural_strands.foundation.progress import progress_bar, track
+from neural_strands.foundation.progress import Feedback, progress_bar, track
 
 
 def test_track_yields_everything_and_prints_nothing(capsys: pytest.CaptureFixture):
@@ -13,5 +15,22 @@ def test_track_yields_everything_and_prints_nothing(capsys: pytest.CaptureFixtur
     assert captured.err == ""
 
 
+def test_without_a_terminal_a_long_loop_says_where_it_is(capsys: pytest.CaptureFixture):
+    seconds = itertools.count(0, 15)
+    assert list(track(range(9), "counting", 9, lambda: next(seconds))) == list(range(9))
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    # The clock is read once before the loop, once an item, and once more a line: lines come after 60 s each.
+    assert captured.err == "counting: 3 of 9\ncounting: 6 of 9\n"
+
+
 def test_bar_is_disabled_without_a_terminal():
     assert progress_bar().disable
+
+
+def test_by_default_nobody_is_told(capsys: pytest.CaptureFixture):
+    feedback = Feedback()
+    feedback.say("anything")
+    assert list(feedback.track(range(3), "counting", 3)) == [0, 1, 2]
+    captured = capsys.readouterr()
+    assert captured.out + captured.err == ""
