@@ -61,8 +61,8 @@ def track(
         return
     told = clock()
     for done, item in enumerate(items):
-        if clock() - told >= SECONDS_A_LINE:
-            told = clock()
+        if (now := clock()) - told >= SECONDS_A_LINE:
+            told = now
             share = f"{done} of {total}" if total is not None else str(done)
             sys.stderr.write(f"{description}: {share}\n")
             sys.stderr.flush()
