@@ -1,8 +1,8 @@
 """Closed-form estimate of a strand's raw quantities: the part of the encoder that needs no training.
 
-Given the curl's frequency and chirp, every amplitude enters the generator linearly, so the best ones are a linear least
-squares solve. The frequency is searched over a grid, then refined with the chirp by Gauss-Newton steps in which the
-amplitudes are solved for at once (variable projection, Golub and Pereyra 1973).
+Given the curl's frequency and chirp, every amplitude enters the generator linearly, so the best amplitudes follow from
+a linear least-squares solve. The frequency is searched over a grid and then refined together with the chirp by
+Gauss-Newton steps that eliminate the amplitudes (variable projection, Golub and Pereyra 1973).
 
 Errors are measured on positions and, weighted by `DIRECTION_WEIGHT`, on dp/dt; strands are first divided by their
 length. Functions of t are rows: (strand, function, step).
@@ -21,24 +21,24 @@ from neural_strands.prior.synthesiser import Synthesiser, times
 DIRECTION_WEIGHT = 0.03
 """Weight of an error in dp/dt against one in position, both in strand lengths."""
 RIDGE = 2e-4
-"""Cost of the curl's squared amplitudes. The slowest curls resemble the fastest smooth functions: without it large
-amplitudes of both cancel, and straight hair seems to curl."""
+"""Cost of the curl's squared amplitudes. The slowest curls resemble the fastest smooth functions; without this cost,
+large amplitudes of the two cancel each other and straight hair seems to curl."""
 DAMPING = 1e-3
 """Regularisation of a Gauss-Newton step, relative to the mean diagonal of its normal equations."""
 GRID = 48
-"""Curl frequencies that are tried."""
+"""Number of curl frequencies tried."""
 BLOCK = 256
-"""Strands that are solved for at once: their sines stay in the processor's cache."""
+"""Strands solved together; their sines stay in the processor's cache."""
 SMALLEST_SHARE, LARGEST_SHARE = 1e-4, 0.98
 """Bounds of the curl's amplitude as a share of `LARGEST_GAIN`; straight hair is at the lower one."""
 
 
 class Analysis:
-    """The least squares problem of one generator at one number of points, its fixed parts worked out once.
+    """The least-squares problem of one generator at one number of points, with its fixed parts computed once.
 
     Attributes:
-        metric: maps functions of t to the space where the plain squared norm is the error measured.
-        project: `metric`, and then what the smooth functions explain taken out.
+        metric: maps functions of t to the space in which the plain squared norm is the error.
+        project: `metric` followed by the removal of what the smooth functions explain.
         smooth_weights: maps functions of t to the best weights of the smooth functions.
     """
 
@@ -100,7 +100,7 @@ class Analysis:
         return frequency, warp, unit / attenuation, smooth
 
     def search(self, rest: Float[Tensor, "strand 3 step"]) -> Float[Tensor, " strand"]:
-        """The grid's frequency whose sines explain most of the rest."""
+        """The frequency of the grid whose sines explain most of the rest."""
         grid, step, unit = self.grid_bases.shape
         flat = self.grid_bases.permute(1, 0, 2).reshape(step, grid * unit)
         explained = (rest @ flat).square().sum(dim=1).unflatten(1, (grid, unit)).sum(dim=-1)
@@ -121,7 +121,7 @@ class Analysis:
         frequency: Float[Tensor, " strand"],
         warp: Float[Tensor, "strand warp"],
     ) -> tuple[Float[Tensor, " strand"], Float[Tensor, "strand warp"]]:
-        """Frequency and warp after one Gauss-Newton step, the amplitudes solved for at once."""
+        """Frequency and warp after one Gauss-Newton step, with the amplitudes eliminated."""
         slope = unit @ self.angles(frequency, warp).cos()
         by_phase = torch.cat([self.tau[None], self.warp])
         columns = (slope[:, None] * by_phase[:, None]).flatten(1, 2) @ self.project
@@ -160,7 +160,7 @@ def metric(layer: Synthesiser, points: int) -> Float[Tensor, "step step"]:
 
 
 def rows(layer: Synthesiser, steps: Float[Tensor, "*batch step"], points: int) -> Float[Tensor, "*batch row"]:
-    """Positions of functions of t and, weighted, their slopes, side by side."""
+    """Positions of functions of t, concatenated with their weighted slopes."""
     if layer.config.output == "position":
         placed, slope = steps[..., 1:] - steps[..., :1], torch.diff(steps, dim=-1) * (points - 1)
     else:
@@ -186,10 +186,10 @@ def solve_ridge(
 
 @torch.no_grad()
 def principal_functions(layer: Synthesiser, curves: Float[Tensor, "strand point 3"]) -> Float[Tensor, "smooth carrier"]:
-    """Mixes of the carriers that follow the principal functions of t of the curves' coordinates.
+    """Mixes of the carriers that approximate the principal functions of t of the curves' coordinates.
 
-    Every coordinate of every curve (divided by its length) is one function of t; the functions that explain most of
-    their positions and slopes are fitted by the carriers.
+    Every coordinate of every curve (divided by its length) is one function of t. The carriers are fitted to the
+    functions that explain most of the positions and slopes.
     """
     config, count = layer.config, curves.shape[1]
     shapes = (curves / lengths(curves)[:, None, None]).double()

@@ -1,7 +1,7 @@
 """Decoding in blocks of strands that stay in the processor's cache.
 
-Every strand is decoded alone, so blocks give the same values and gradients as decoding all at once
-(`StrandGenerator.reference`, to which this is held); they only keep the sines of a block out of main memory.
+Strands are decoded independently, so blocks give the same values and gradients as decoding all at once
+(`StrandGenerator.reference`, against which this is tested). They only keep the sines of a block out of main memory.
 """
 
 from collections.abc import Callable
@@ -11,13 +11,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 BLOCK = 1024
-"""Strands a block on a CPU."""
+"""Strands per block on a CPU."""
 
 
 def in_blocks(
     decode: Callable[[Tensor, int], Tensor], latent: Float[Tensor, "strand latent"], points: int
 ) -> Float[Tensor, "strand {points} 3"]:
-    """Decode by blocks on a CPU, at once elsewhere."""
+    """Decode in blocks on a CPU, all at once elsewhere."""
     if latent.device.type != "cpu" or len(latent) <= BLOCK:
         return decode(latent, points)
     if torch.is_grad_enabled():

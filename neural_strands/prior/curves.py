@@ -1,9 +1,9 @@
 """Synthetic hair curves: the training data of the strand prior (paper, "Training Data").
 
 Each curve is a strand in its root's local frame (tangent, bitangent, normal; metres; root at 0), at points equally
-spaced in arc length. A curve is a smooth base (it leaves the scalp at some tilt, is pulled towards a random "down",
-bends, is jittered at its control points like an artist's spline) with an offset wound about it (a wave, a coil, frizz).
-Everything is drawn from the generator that is passed in; nothing is read from a file.
+spaced in arc length. A curve has a smooth base, which leaves the scalp at some tilt, is pulled towards a random "down",
+bends, and is jittered at its control points like an artist's spline. An offset is wound around the base: a wave, a coil
+or frizz. Everything is drawn from the generator that is passed in; nothing is read from a file.
 """
 
 import math
@@ -17,7 +17,7 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import lengths
 
 FINE = 640
-"""Points at which a curve is built before it is resampled: 16 for each of 40 turns."""
+"""Points of a curve before it is resampled: 16 for each of 40 turns."""
 TRANSPORT_STEPS = 64
 """Steps of the parallel transport that gives the base its twist-free frame."""
 
@@ -33,9 +33,9 @@ class CurveConfig:
     smooth: float = 0.45
     """Share of curves with neither wave nor coil."""
     wavy: float = 0.2
-    """Share of curves with a planar or elliptic wave; the remainder is coiled."""
+    """Share of curves with a planar or elliptic wave; the rest are coiled."""
     most_turns: float = 30.0
-    """Turns of a coil or wave along a strand that are not exceeded (100 points cannot show more)."""
+    """Largest number of turns of a coil or wave along a strand (100 points cannot show more)."""
     augment: bool = True
     """Stretch each axis, mirror along tangent and bitangent, rotate about the normal, as in the paper."""
 
@@ -74,7 +74,7 @@ def augment(
 
 @dataclass(frozen=True)
 class _Draw:
-    """Random numbers a curve, all from one generator."""
+    """Random numbers per curve, all from one generator."""
 
     count: int
     generator: torch.Generator
@@ -113,7 +113,7 @@ class _Draw:
 
 
 def _base_curve(draw: _Draw, length: Float[Tensor, " curve"]) -> Float[Tensor, "curve fine 3"]:
-    """Integrate a direction that leaves the scalp tilted, is pulled towards a random "down" and bends on the way."""
+    """Integrate a direction that leaves the scalp tilted, is pulled towards a random "down" and bends along the way."""
     t = torch.linspace(0, 1, FINE, device=draw.device)
     tilt = math.pi / 2 * draw.uniform(0.0, 1.0) ** 0.7
     start = torch.stack([tilt.sin(), torch.zeros_like(tilt), tilt.cos()], dim=-1)
@@ -144,7 +144,7 @@ def _base_curve(draw: _Draw, length: Float[Tensor, " curve"]) -> Float[Tensor, "
 
 @dataclass(frozen=True)
 class _Winding:
-    """A wave or a coil about the base.
+    """A wave or a coil around the base.
 
     Attributes:
         radius: of the winding, metres (0 for smooth hair).
@@ -177,7 +177,7 @@ def _draw_winding(draw: _Draw, length: Float[Tensor, " curve"], config: CurveCon
 
 
 def _wound_offset(draw: _Draw, base: Float[Tensor, "curve fine 3"], winding: _Winding) -> Float[Tensor, "curve fine 3"]:
-    """The winding about the base, with drift of its radius and phase, often growing from nothing at the root."""
+    """The winding around the base; its radius and phase drift, and it often grows from nothing at the root."""
     t = torch.linspace(0, 1, FINE, device=draw.device)
     drift = draw.uniform(0.0, 0.6)[:, None] * draw.noise(2, 1)[..., 0]
     wander = draw.chance(0.6)[:, None] * draw.uniform(0.0, 1.0)[:, None] * draw.noise(4, 1)[..., 0]
@@ -196,13 +196,13 @@ def _wound_offset(draw: _Draw, base: Float[Tensor, "curve fine 3"], winding: _Wi
 
 
 def _within(curves: Float[Tensor, "curve point 3"], config: CurveConfig) -> Float[Tensor, "curve point 3"]:
-    """Scale curves whose winding or stretch took them beyond the lengths asked for."""
+    """Scale curves whose winding or stretch made them longer than the configured length."""
     length = lengths(curves)
     return curves * (length.clamp(config.shortest, config.longest) / length)[:, None, None]
 
 
 def _frizz(draw: _Draw, length: Float[Tensor, " curve"]) -> Float[Tensor, "curve fine 3"]:
-    """Clumped noise: small offsets, finer ones weaker, in proportion to the wavelength."""
+    """Clumped noise: small offsets with an amplitude proportional to their wavelength."""
     total = torch.zeros(draw.count, FINE, 3, device=draw.device)
     for knots, strongest in ((5, 0.012), (16, 0.004), (30, 0.0012)):
         size = draw.chance(0.4) * draw.uniform(0.0, 1.0) ** 2 * strongest * length
@@ -213,7 +213,7 @@ def _frizz(draw: _Draw, length: Float[Tensor, " curve"]) -> Float[Tensor, "curve
 def _transported(
     base: Float[Tensor, "curve fine 3"], draw: _Draw
 ) -> tuple[Float[Tensor, "curve fine 3"], Float[Tensor, "curve fine 3"]]:
-    """Two unit vectors across the base that do not twist along it (parallel transport at coarse steps)."""
+    """Two unit vectors perpendicular to the base that do not twist along it (parallel transport in coarse steps)."""
     tangent = torch.nn.functional.normalize(torch.diff(base, dim=1, append=2 * base[:, -1:] - base[:, -2:-1]), dim=-1)
     coarse = tangent[:, :: FINE // TRANSPORT_STEPS]
     across = torch.nn.functional.normalize(torch.linalg.cross(coarse[:, 0], draw.normal(3), dim=-1), dim=-1)
@@ -233,7 +233,7 @@ def _transported(
 def _rotate_about_normal(
     angle: Float[Tensor, "*curve_fine"], vectors: Float[Tensor, "curve point 3"]
 ) -> Float[Tensor, "curve point 3"]:
-    """Turn about the third axis by one angle a curve, or one a point."""
+    """Rotate about the third axis by one angle per curve or per point."""
     angle = angle if angle.ndim == 2 else angle[:, None]
     cos, sin = angle.cos(), angle.sin()
     x, y, z = vectors.unbind(dim=-1)
@@ -243,7 +243,7 @@ def _rotate_about_normal(
 def _rotate_about(
     axis: Float[Tensor, "curve 3"], angle: Float[Tensor, "curve fine"], vectors: Float[Tensor, "curve fine 3"]
 ) -> Float[Tensor, "curve fine 3"]:
-    """Rodrigues' rotation about a unit axis a curve."""
+    """Rodrigues' rotation, with one unit axis per curve."""
     axis = axis[:, None].expand_as(vectors)
     cos, sin = angle.cos()[..., None], angle.sin()[..., None]
     along = (axis * vectors).sum(-1, keepdim=True)

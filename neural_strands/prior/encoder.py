@@ -1,8 +1,8 @@
 """The encoder: a strand to the mean and deviation of its latent (paper, "Training / Strand Generator": a 1D CNN).
 
 The mean comes from the closed-form analysis (`prior.analysis`), which finds the curl's frequency by search and every
-amplitude by least squares, exact to a tenth of a millimetre; the 1D CNN gives the deviation. With `analysis` off the
-CNN gives both, as in the paper.
+amplitude by least squares, to within a tenth of a millimetre. The 1D CNN predicts the deviation. With `analysis` off,
+the CNN predicts both, as in the paper.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class EncoderConfig:
     """Sizes of the encoder."""
 
     points: int = 100
-    """Points a strand that the CNN takes."""
+    """Points per strand that the CNN takes."""
     widths: tuple[int, ...] = (16, 24, 32, 48, 64)
     """Channels of the strided convolutions."""
     hidden: int = 128
@@ -41,7 +41,7 @@ class StrandEncoder(nn.Module):
     def __init__(self, generator: StrandGenerator, config: EncoderConfig | None = None) -> None:
         super().__init__()
         self.config = config or EncoderConfig()
-        # Held in a tuple: the generator's weights are not the encoder's to save or to train.
+        # In a tuple, so that the generator's weights are neither saved nor trained as part of the encoder.
         self._generator = (generator,)
         channels, length = 7, self.config.points - 1
         layers: list[nn.Module] = []
@@ -58,10 +58,10 @@ class StrandEncoder(nn.Module):
     def forward(
         self, points: Float[Tensor, "strand point 3"]
     ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, "strand latent"]]:
-        """Mean and log standard deviation of each strand's latent; local metres, the root at 0.
+        """Mean and log standard deviation of each strand's latent; strands are in local metres with the root at 0.
 
         Raises:
-            ValueError: another number of points than the encoder was built for.
+            ValueError: the strands do not have the number of points that the encoder was built for.
         """
         if points.shape[1] != self.config.points:
             raise ValueError(f"strands must have {self.config.points} points, got {points.shape[1]}")
@@ -75,7 +75,7 @@ class StrandEncoder(nn.Module):
         return generator.latent(analyse(generator, points, self.config.refine).flat())[0]
 
     def features(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand channel step"]:
-        """Position and direction at each step, both free of scale, and the logarithm of the length."""
+        """Position and direction at each step, both independent of scale, and the logarithm of the length."""
         length = lengths(points)
         offsets = segments(points)
         middle = (points[:, 1:] + points[:, :-1]) / 2

@@ -73,7 +73,7 @@ def curvatures(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand
 
 
 def percentile(values: Float[Tensor, " value"], share: float) -> float:
-    """The value below which this share lies (nearest rank; torch.quantile refuses millions of values)."""
+    """The value below which this share lies (nearest rank; torch.quantile does not accept millions of values)."""
     if len(values) == 0:
         return 0.0
     return float(values.kthvalue(max(1, round(share * len(values)))).values)

@@ -26,7 +26,7 @@ class GeneratorConfig:
     """Sizes of the generator."""
 
     latent: int = 64
-    """Numbers a strand (D_g in the paper)."""
+    """Numbers per strand (D_g in the paper)."""
     modulator: Literal["coupling", "mlp"] = "coupling"
     """Invertible coupling layers, or the paper's MLP."""
     hidden: int = 64
@@ -39,16 +39,16 @@ class GeneratorConfig:
 
 @dataclass(frozen=True)
 class Raw:
-    """What the modulator gives: unbounded numbers.
+    """Output of the modulator: unbounded numbers.
 
     Attributes:
-        length: see `bounds.length_from_raw`: about the logit of its logarithm between its bounds.
+        length: see `bounded_quantities.length_from_raw`; roughly the logit of its logarithm between its bounds.
         gain: logit of the second layer's amplitude.
         frequency: logit of the logarithm of the curl's frequency between its bounds.
         warp: chirp of the curl, radians.
         unit: direction and phase of the curl (root mean square near 1).
-        smooth: heading of the strand (first column, see `prior.heading`), and on each axis the weights of the other
-            smooth functions, in strand lengths.
+        smooth: heading of the strand (first column, see `prior.heading`), then the weights of the other smooth
+            functions on each axis, in strand lengths.
     """
 
     length: Float[Tensor, " strand"]
@@ -82,7 +82,7 @@ class StrandGenerator(nn.Module):
         self.synthesiser = Synthesiser(inner)
 
     def forward(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
-        """Decode strands to `points` points each, in blocks that stay in the processor's cache.
+        """Decode strands with `points` points each, in blocks that fit in the processor's cache.
 
         Raises:
             ValueError: a latent of another size, or fewer than two points.
@@ -148,7 +148,7 @@ class StrandGenerator(nn.Module):
         return 2 * torch.pi * inner.slowest, 2 * torch.pi * inner.fastest
 
     def fixed_frequencies(self) -> Float[Tensor, " unit"]:
-        """Frequencies of the second layer when only amplitudes are modulated: spread above the smooth functions."""
+        """Frequencies of the second layer when only amplitudes are modulated: above those of the smooth functions."""
         spread = torch.arange(self.config.synthesiser.units, device=self.linear.weight.device) // 2
         return self.frequency_bounds()[0] + self.synthesiser.unit_frequency + spread * torch.pi
 

@@ -1,9 +1,9 @@
-"""Where a strand heads, in coordinates whose zero is a strand that stands up from the scalp.
+"""The heading of a strand, in coordinates whose zero is a strand that stands up from the scalp.
 
-Hair heads in all directions but into the head, so the ends of strands fill a sphere around the root, save for its south
-pole. In plain coordinates the mean of all strands lies at the centre of that sphere: a crumpled strand. Here the end is
-given by its stereographic projection from the south pole and by the logit of its distance, in strand lengths: a flat
-space whose middle is the north pole, the normal of the scalp.
+Hair heads in every direction except into the head, so the ends of strands fill a sphere around the root, apart from its
+south pole. In plain coordinates the mean of all strands lies at the centre of that sphere and is a crumpled strand.
+Here the end is given by its stereographic projection from the south pole and by the logit of its distance in strand
+lengths: a flat space whose origin is the north pole, the normal of the scalp.
 """
 
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor
 FARTHEST = 1.05
 """Bound of the distance of the smooth part's end from the root, in strand lengths."""
 SOUTHERNMOST = -0.999
-"""Cosine to the normal below which a heading is taken at this bound."""
+"""Lowest cosine of a heading with the normal; lower ones are clamped to it."""
 
 
 def smooth_from_heading(
@@ -37,7 +37,7 @@ def smooth_from_heading(
 def heading_from_smooth(
     smooth: Float[Tensor, "strand 3 smooth"], reach: Float[Tensor, " smooth"]
 ) -> Float[Tensor, "strand 3 smooth"]:
-    """Inverse of `smooth_from_heading`; headings straight into the scalp, ends out of reach are brought in bounds."""
+    """Inverse of `smooth_from_heading`; headings into the scalp and ends out of reach are clamped."""
     end = smooth @ reach
     distance = end.norm(dim=1)
     unit = end / distance.clamp(min=1e-9)[:, None]
@@ -45,7 +45,7 @@ def heading_from_smooth(
     size = unit[:, :2].norm(dim=1, keepdim=True)
     anywhere = torch.tensor([1.0, 0.0], dtype=unit.dtype, device=unit.device)
     horizontal = torch.where(size > 1e-9, unit[:, :2] / size.clamp(min=1e-9), anywhere)
-    # tan(angle / 2), the angle taken from the normal.
+    # tan(angle / 2), with the angle measured from the normal.
     radius = ((1 - bounded) / (1 + bounded)).clamp(min=0).sqrt()
     logit = torch.logit((distance / FARTHEST).clamp(1e-4, 1 - 1e-4))
     first = torch.cat([horizontal * radius[:, None], logit[:, None]], dim=1)

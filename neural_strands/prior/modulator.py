@@ -1,9 +1,9 @@
 """Modulators: networks that turn a latent into the raw quantities behind amplitude, frequency and phase.
 
 `CouplingModulator` is a stack of affine coupling layers (Dinh et al. 2017, "Density estimation using Real NVP"). It is
-invertible, so the encoder's closed-form quantities have an exact latent, and it is trained until the latents of the
-training curves are standard normal: a sample of N(0, I) is then a strand like theirs. `MlpModulator` is the paper's:
-the latent is fed to every layer, as in its authors' later code.
+invertible, so the encoder's closed-form quantities have an exact latent. It is trained until the latents of the
+training curves are standard normal; a sample of N(0, I) is then a strand like the training curves. `MlpModulator` is
+the paper's: the latent is fed to every layer, as in its authors' later code.
 """
 
 import torch
@@ -15,7 +15,7 @@ STEEPEST = 2.0
 
 
 class CouplingModulator(nn.Module):
-    """Affine coupling layers over a random order of the latent; the identity before training."""
+    """Affine coupling layers over random orders of the latent; the identity before training."""
 
     def __init__(self, latent: int, hidden: int, layers: int) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class CouplingModulator(nn.Module):
 
     def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
         """Latents to whitened raw quantities."""
-        # One row a channel: picking channels then copies whole rows.
+        # One row per channel, so that selecting channels copies whole rows.
         value = latent.T
         for order, network in zip(self.order, self.networks, strict=True):
             value = value[order]
@@ -63,7 +63,7 @@ class CouplingModulator(nn.Module):
 def _affine(
     network: nn.Module, kept: Float[Tensor, "kept strand"]
 ) -> tuple[Float[Tensor, "changed strand"], Float[Tensor, "changed strand"]]:
-    """Log scale, softly bounded by `STEEPEST`, and shift that the network makes of the channels kept."""
+    """Log scale, softly bounded by `STEEPEST`, and shift that the network computes from the kept channels."""
     hidden = kept
     for layer in network.children():
         hidden = (
@@ -74,7 +74,7 @@ def _affine(
 
 
 def _network(taken: int, hidden: int, given: int) -> nn.Sequential:
-    """Two hidden layers, the last layer zero."""
+    """Two hidden layers and a last layer of zeros."""
     last = nn.Linear(hidden, given)
     nn.init.zeros_(last.weight)
     nn.init.zeros_(last.bias)

@@ -1,4 +1,4 @@
-"""The honest baseline: a principal component analysis with as many numbers a strand as the prior's latent."""
+"""The baseline: a principal component analysis with as many numbers per strand as the prior's latent."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from neural_strands.geometry.strands import lengths
 class StrandPca:
     """PCA of the points of strands divided by their length; the length is one of the numbers kept.
 
-    Dividing by the length is worth it: it halves the error on short hair against a PCA of the points in metres.
+    Dividing by the length halves the error on short hair, compared with a PCA of the points in metres.
 
     Attributes:
         mean: mean strand of unit length, flattened.

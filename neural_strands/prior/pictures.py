@@ -1,4 +1,4 @@
-"""Pictures of strands for reports: written with matplotlib, no display needed."""
+"""Pictures of strands for reports, drawn with matplotlib; no display is needed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from torch import Tensor
 from neural_strands.foundation.files import atomic_file
 
 COLOURS = ("#222222", "#d1495b", "#2e86ab", "#66a182")
-"""One for each strand drawn in a panel: the true one first."""
+"""Colours of the strands in a panel; the true strand comes first."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A small drawing of strands over one another.
+    """A small drawing of superimposed strands.
 
     Attributes:
         strands: drawn in the order of `COLOURS`.
@@ -30,7 +30,7 @@ class Panel:
 
 
 def draw_panels(path: Path, rows: Sequence[Sequence[Panel]], labels: Sequence[str] = (), legend: str = "") -> None:
-    """Write panels as a grid: each strand in the plane in which it is widest, centimetres.
+    """Write panels as a grid, each strand in centimetres in the plane in which it is widest.
 
     Raises:
         InputError: the picture cannot be written.

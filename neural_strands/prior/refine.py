@@ -1,4 +1,4 @@
-"""Latents optimised for given strands: what the decoder alone can reach, and how a fit uses it."""
+"""Latents optimised for given strands: the best that the decoder can do, and the way in which a fit uses it."""
 
 import torch
 from jaxtyping import Float
@@ -16,7 +16,7 @@ def refine_latents(
     steps: int = 200,
     learning_rate: float = 0.01,
 ) -> Float[Tensor, "strand latent"]:
-    """Adam on each strand's latent from a given start, learning rate falling to zero; best latent of each strand."""
+    """Run Adam on each strand's latent, with a learning rate that falls to zero; return the best latents."""
     current = latent.detach().clone().requires_grad_(True)
     optimiser = torch.optim.Adam([current], learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
@@ -31,7 +31,7 @@ def refine_latents(
             lowest = torch.where(better, loss, lowest)
             best = torch.where(better[:, None], current, best)
         optimiser.zero_grad()
-        # The square root keeps strands of large and small error at the same pace; each has its own latent.
+        # With the square root, strands with large and small errors move at the same pace; each has its own latent.
         (loss + 1e-12).sqrt().sum().backward()
         optimiser.step()
         schedule.step()

@@ -4,8 +4,8 @@ A strand is integrated from dp/dt = length x [first(t) + second(t)], where t run
 
 - first(t) = sum_i a_i sin(w_i t + b_i): carriers whose vector amplitudes a_i are modulated by the latent;
 - second(t) = sum_j A_j sin((f + k_j) (t - 1/2) + warp(t) + b_j): units whose vector amplitude A_j, frequency f and
-  phase are modulated by the latent; their phase also takes in the carriers, weighted by the latent (`warp`), as a
-  second sine layer takes in a first.
+  phase are modulated by the latent; the carriers, weighted by the latent (`warp`), are added to their phase, as a first
+  sine layer feeds a second.
 
 Letters: i carrier, j unit of the second layer, s smooth function (a fixed mix of carriers), w warp, c axis.
 """
@@ -29,21 +29,22 @@ class SynthesiserConfig:
     carriers: int = 40
     """Sine units of the first layer."""
     smooth: int = 12
-    """Functions of t, mixed from the carriers, that the latent weighs an axis."""
+    """Functions of t per axis, mixed from the carriers, that the latent weights."""
     sidebands: int = 4
-    """Pairs (sine, cosine) of second-layer units about the strand's own frequency."""
+    """Pairs (sine, cosine) of second-layer units around the strand's own frequency."""
     warps: int = 1
     """Functions of t, mixed from the carriers, that the latent adds to the phase of the second layer."""
     slowest: float = 4.8
-    """Lowest frequency of the second layer, cycles a strand."""
+    """Lowest frequency of the second layer, cycles per strand."""
     fastest: float = 32.0
-    """Highest frequency of the second layer, cycles a strand."""
+    """Highest frequency of the second layer, cycles per strand."""
     output: Output = "gradient"
-    """What the sines give: dp/dt, summed from the root (the paper), or positions outright (its ablation)."""
+    """Output of the sines: dp/dt, summed from the root (the paper), or positions directly (its ablation)."""
     modulation: Modulation = "all"
     """What the latent modulates in the second layer: amplitude, frequency and phase (the paper), or amplitude alone."""
     integration: Literal["exact", "euler"] = "exact"
-    """How a step of t is summed: the integral of each sine over it, or its value at the middle (forward Euler)."""
+    """How a step of t is summed: the integral of each sine over the step, or its value in the middle (forward
+    Euler)."""
 
     @property
     def units(self) -> int:
@@ -53,12 +54,12 @@ class SynthesiserConfig:
 
 @dataclass(frozen=True)
 class Modulations:
-    """What the modulator gives the synthesiser for each strand.
+    """Input of the synthesiser for each strand, from the modulator.
 
     Attributes:
         length: scale of the strand, metres.
-        carrier_amplitude: of the first layer, an axis.
-        unit_amplitude: of the second layer, an axis.
+        carrier_amplitude: of the first layer, per axis.
+        unit_amplitude: of the second layer, per axis.
         frequency: of each second-layer unit, radians over t in [0, 1].
         warp: weight of each warp function in the phase of the second layer, radians.
     """
@@ -77,12 +78,13 @@ class Synthesiser(nn.Module):
         super().__init__()
         self.config = config
         half = torch.arange(config.carriers)
-        # Cosines of 0, 1, 2... half turns, then sines: a frame that also follows functions that differ at both ends.
+        # Cosines of 0, 1, 2... half turns, then sines: they can also follow functions that differ at both ends.
         cosines = (3 * config.carriers + 4) // 5
         frequency = torch.where(half < cosines, half, half - cosines + 1) * math.pi
         self.carrier_frequency = nn.Parameter(frequency.float())
         self.carrier_phase = nn.Parameter(torch.where(half < cosines, math.pi / 2, 0.0))
-        # The heading divides by where the first function ends (`reach`): a position's may not be the constant carrier.
+        # The heading divides by the end of the first function (`reach`), so for positions it must not be the constant
+        # carrier.
         first = 1 if config.output == "position" else 0
         self.smooth_mix = nn.Parameter(torch.eye(config.smooth, config.carriers).roll(first, dims=1))
         self.warp_mix = nn.Parameter(torch.eye(config.warps, config.carriers).roll(2, dims=1))
@@ -95,7 +97,7 @@ class Synthesiser(nn.Module):
         return positions(self.steps(modulations, points), self.config.output)
 
     def steps(self, modulations: Modulations, points: int) -> Float[Tensor, "strand 3 step"]:
-        """What is summed into points: offsets d_k (gradient) or positions (position), metres."""
+        """The steps behind the points: offsets d_k (gradient) or positions (position), metres."""
         t = times(points, self.config.output, self.carrier_frequency)
         weight = modulations.length[:, None, None] * self.step_size(points)
         frequency = modulations.frequency
@@ -106,11 +108,11 @@ class Synthesiser(nn.Module):
         return weight * (first + amplitude @ angle.sin())
 
     def step_size(self, points: int) -> float:
-        """Length of a step of t (1 where positions are given outright)."""
+        """Length of a step of t (1 if the output is positions)."""
         return 1.0 / (points - 1) if self.config.output == "gradient" else 1.0
 
     def carriers(self, t: Float[Tensor, " step"], points: int | None) -> Float[Tensor, "carrier step"]:
-        """The first layer at t, averaged over each step where `points` tells the steps' length."""
+        """The first layer at t, averaged over each step if `points` gives the length of the steps."""
         waves = (self.carrier_frequency[:, None] * t + self.carrier_phase[:, None]).sin()
         if points is None:
             return waves
@@ -126,7 +128,7 @@ class Synthesiser(nn.Module):
         return self.smooth_mix @ ends
 
     def attenuation(self, frequency: Float[Tensor, "*unit"], points: int) -> Float[Tensor, "*unit"]:
-        """Mean of a sine over one step of t by its value at the middle: sin(x)/x with x = frequency dt / 2."""
+        """Mean of a sine over one step of t, divided by its value in the middle: sin(x)/x with x = frequency dt / 2."""
         if self.config.output == "position" or self.config.integration == "euler":
             return torch.ones_like(frequency)
         return torch.sinc(frequency / (2 * math.pi * (points - 1)))

@@ -1,4 +1,4 @@
-"""What the latent's directions do: their effect on strands, and which control length, curliness and bend."""
+"""Effects of the latent's directions on strands, and which of them control length, curliness and bend."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from neural_strands.geometry.strands import lengths
 from neural_strands.prior.generator import StrandGenerator
 
 MEASURES = ("length", "curliness", "bend")
-"""What strands are measured by; see `measure`."""
+"""Measures of a strand; see `measure`."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Traversal:
     """Latent directions and their meaning.
 
     Attributes:
-        effect_mm: mean shift of points when one latent moves by one deviation, for each latent.
+        effect_mm: mean shift of the points when one latent changes by one standard deviation, for each latent.
         correlation: of each latent with each measure over samples of N(0, I).
-        direction: unit direction along which each measure changes most steadily (its linear regression).
+        direction: unit direction of each measure's linear regression.
         direction_correlation: of the latent's component along that direction with the measure.
     """
 
@@ -55,8 +55,8 @@ def traverse(generator: StrandGenerator, samples: Float[Tensor, "sample latent"]
 def measure(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand measure"]:
     """Logarithms of length, of curliness and of bend.
 
-    A strand is smoothed by a mean over a fifth of its points. Curliness is what the smoothing takes off the length,
-    bend is what the smooth curve exceeds its chord by, each in shares.
+    A strand is smoothed by a moving mean over a fifth of its points. Curliness is the share of the length that
+    smoothing removes; bend is the share by which the smooth curve is longer than its chord.
     """
     length = lengths(points)
     window = max(3, points.shape[1] // 5)

@@ -21,9 +21,9 @@ from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.prior.synthesiser import SynthesiserConfig
 
 SHIPPED = Path(__file__).parent / "weights" / "strand_prior.safetensors"
-"""Weights that come with the package."""
+"""Weights that ship with the package."""
 BLOCK = 2048
-"""Strands that are encoded at once: bounds the memory of the analysis."""
+"""Strands encoded together; bounds the memory of the analysis."""
 
 
 class StrandPrior(nn.Module):
@@ -37,15 +37,15 @@ class StrandPrior(nn.Module):
     def forward(
         self, points: Float[Tensor, "strand point 3"], noise: Float[Tensor, "strand latent"]
     ) -> tuple[Float[Tensor, "strand point 3"], Float[Tensor, "strand latent"], Float[Tensor, "strand latent"]]:
-        """Reconstruction from a sampled latent (mean + noise x deviation), mean and log deviation."""
+        """Reconstruction from a sampled latent (mean + noise x deviation), with its mean and log deviation."""
         mean, log_std = self.encoder(points)
         return self.generator(mean + noise * log_std.exp(), points.shape[1]), mean, log_std
 
     def without_modulator(self) -> "StrandPrior":
-        """The same strands from other latents: those that the coupling modulator gives its linear map.
+        """The same strands from other latents: the output of the coupling modulator.
 
-        They have zero mean and unit covariance over the curves too, and are quicker to decode and better conditioned,
-        which suits a fit; but samples of N(0, I) and straight lines between latents look less like hair.
+        They also have zero mean and unit covariance over the training curves, decode faster and are better conditioned,
+        which suits a fit. Samples of N(0, I) and straight lines between latents look less like hair.
 
         Raises:
             ValueError: the modulator is the paper's MLP.
@@ -59,13 +59,13 @@ class StrandPrior(nn.Module):
 
     @torch.no_grad()
     def encode(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
-        """Mean latents of strands in local metres; they are moved to the root and resampled where need be.
+        """Mean latents of strands in local metres, which are moved to the root and resampled if necessary.
 
-        Strands longer than in training (0.6 m) are encoded at their own scale, up to `LONGEST`, far out in the latent
-        space: samples of N(0, I) hardly reach a metre.
+        Strands longer than those of training (0.6 m) are encoded at their own scale, up to `LONGEST`. Their latents lie
+        far out: samples of N(0, I) hardly reach a metre.
 
         Raises:
-            InputError: a strand of fewer than two points, not finite, of no length, or too long or short.
+            InputError: a strand has fewer than two points, is not finite, has no length, or is too long or too short.
         """
         check_strands(points)
         points = points - points[:, :1]
@@ -76,7 +76,7 @@ class StrandPrior(nn.Module):
         return torch.cat([self.encoder(block)[0] for block in points.split(BLOCK)])
 
     def decode(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
-        """Strands of any number of points, in local metres."""
+        """Strands with any number of points, in local metres."""
         return self.generator(latent, points)
 
 
@@ -105,7 +105,7 @@ def check_strands(points: Float[Tensor, "strand point 3"]) -> None:
 
 
 def save_prior(prior: StrandPrior, path: Path, notes: dict[str, str]) -> None:
-    """Write weights and sizes as safetensors; `notes` say how they were made (command, seed, data)."""
+    """Write weights and sizes as safetensors; `notes` records how they were made (command, seed, data)."""
     described = {"generator": asdict(prior.generator.config), "encoder": asdict(prior.encoder.config)}
     tensors = {name: value.detach().cpu().contiguous() for name, value in prior.state_dict().items()}
     with atomic_file(path) as temporary:
@@ -116,7 +116,7 @@ def load_prior(path: Path | None = None, device: torch.device | str = "cpu") -> 
     """Load weights (those shipped with the package by default), frozen and ready to use.
 
     Raises:
-        InputError: no such file, or not whole, or not of a strand prior.
+        InputError: the file is missing, damaged, or not a strand prior.
     """
     path = path or SHIPPED
     if not path.is_file():

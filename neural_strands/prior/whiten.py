@@ -13,7 +13,7 @@ def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand 
     """Set the smooth functions to the principal ones of the curves, and whiten the latents over them.
 
     Raises:
-        ValueError: the latent has another size than the raw quantities.
+        ValueError: the latent and the raw quantities differ in size.
     """
     if generator.config.latent != generator.linear.out_features:
         raise ValueError(
@@ -26,7 +26,7 @@ def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand 
 
 @torch.no_grad()
 def white_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand point 3"], refine: int = 1) -> None:
-    """Set the linear map so that the curves' latents have zero mean and unit covariance (before the modulator's part).
+    """Set the linear map so that the curves' latents have zero mean and unit covariance (before the modulator).
 
     The map is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the next one the
     gain given the length, then frequency, chirp, curl and bends.
@@ -37,7 +37,7 @@ def white_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand 
 
 
 def whitening(samples: Float[Tensor, "sample channel"]) -> tuple[Float[Tensor, " channel"], Float[Tensor, "c c"]]:
-    """Mean and lower Cholesky factor of the covariance (raised by a millionth of its diagonal)."""
+    """Mean, and lower Cholesky factor of the covariance with a millionth of its diagonal added."""
     precise = samples.double()
     mean = precise.mean(dim=0)
     covariance = (precise - mean).T @ (precise - mean) / len(precise)

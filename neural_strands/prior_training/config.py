@@ -1,4 +1,4 @@
-"""What the training of the strand prior is told: sizes, losses, steps; and the paper's settings."""
+"""Settings of prior training: sizes, losses, steps; and the paper's preset."""
 
 import math
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -20,16 +20,16 @@ class PriorLossConfig:
     """Weights of the losses."""
 
     kind: Literal["relative", "paper", "absolute"] = "relative"
-    """Errors in strand lengths; the paper's squared distances in metres; or its terms with distances that are not
-    squared (L1)."""
+    """relative: errors in strand lengths; paper: squared distances in metres; absolute: the paper's terms with
+    distances that are not squared (L1)."""
     direction: float = 1e-3
     """Weight of 1 - cosine in the paper's data term (lambda_d)."""
     curvature: float = 0.0
-    """Weight of the squared error of turns from segment to segment, beside any data term."""
+    """Weight of the squared error of the turns between segments, in addition to any data term."""
     kl: float = 3e-5
     """Weight of the KL term (lambda_KL; the paper: 1e-3)."""
     free_bits: float = 0.0
-    """KL a latent below which it is not counted, nats."""
+    """KL per latent below which it does not count, nats."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class TrainPriorConfig:
     start_curves: int = 20000
     """Curves of the closed-form start; 0 starts from random weights and skips the second stage."""
     batch: int = 512
-    """Curves a step."""
+    """Curves per step."""
     learning_rate: float = 2e-3
     """Highest learning rate of modulator and CNN."""
     sine_learning_rate: float = 5e-4
     """Highest learning rate of the synthesiser's sines."""
     own_share: float = 0.3
-    """Share of the user's own strands among the curves, where there are any."""
+    """Share of the user's own strands among the curves, if there are any."""
     steps_a_chunk: int = 64
     """Steps between new curves: 2,048 of the 16,384 in use are replaced."""
     checkpoint_seconds: float = 60.0
@@ -89,14 +89,14 @@ LEAST: dict[str, float] = {
     "encoder.hidden": 1,
     "encoder.refine": 0,
 }
-"""Smallest values of what has no other bound."""
+"""Smallest values of options that have no other bound."""
 
 
 def check_config(config: TrainPriorConfig) -> None:
-    """Refuse what cannot be trained.
+    """Reject settings that cannot be trained.
 
     Raises:
-        InputError: one sentence that names the first such option.
+        InputError: names the first such option.
     """
     for name, least in LEAST.items():
         value = _named(config, name)
@@ -164,7 +164,7 @@ def _named(config: Any, name: str) -> int | float:
 def paper_preset(given: TrainPriorConfig) -> TrainPriorConfig:
     """The paper's modulator (an MLP), encoder (a CNN alone), Euler sum, losses and weights, from a random start.
 
-    What `given` sets to something else than our default stays as given: the paper with one thing changed.
+    Fields that `given` changes from our default keep their value, so that one thing at a time can be changed.
     """
     paper = TrainPriorConfig(
         start_curves=0,

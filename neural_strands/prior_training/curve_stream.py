@@ -1,4 +1,4 @@
-"""Endless batches of training curves that depend on the seed and the step alone, so that a resume repeats them."""
+"""Endless batches of training curves that depend only on the seed and the step, so that a resumed run repeats them."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from torch import Tensor
 from neural_strands.prior.curves import CurveConfig, augment, synthetic_curves
 
 CHUNK = 2048
-"""Curves that are drawn together."""
+"""Curves drawn together."""
 PART = 512
-"""Curves that are built at once: bounds memory."""
+"""Curves built together; bounds memory."""
 KEPT = 8
-"""Chunks that batches are drawn from; the oldest is dropped."""
+"""Chunks from which batches are drawn; the oldest is dropped."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class CurveStream:
         own: further strands (local metres), augmented at each use.
         own_share: share of each chunk that comes from `own`.
         steps_a_chunk: steps after which a new chunk replaces the oldest.
-        prepare: worked out once a chunk and kept beside it.
+        prepare: computed once per chunk and kept with it.
     """
 
     seed: int
@@ -53,7 +53,7 @@ class CurveStream:
         return curves
 
     def batch(self, step: int, size: int) -> tuple[Float[Tensor, "{size} point 3"], Tensor]:
-        """A batch for this step, and what `prepare` made of it."""
+        """A batch for this step, and the result of `prepare` for it."""
         newest = step // self.steps_a_chunk
         chunks = [self._chunk(index) for index in range(max(0, newest - KEPT + 1), newest + 1)]
         generator = seeded(self.seed, 1, step)

@@ -19,7 +19,7 @@ from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots
 
 SHORTEST = 0.003
-"""Strands shorter than this (metres) are dropped: stubs that no tool shows."""
+"""Strands shorter than this (metres) are dropped: they are stubs that no tool shows."""
 
 
 def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Tensor, "strand {points} 3"]:
@@ -29,9 +29,9 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
 
     Args:
         groom: any file that `read_groom` takes; a capture's folder or its ground_truth.npz.
-        head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without one a capture's own
-            head.obj is taken, or the mannequin fitted to the roots by a similarity, which also gives the unit and axes.
-        points: wanted a strand.
+        head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without a head, the capture's own
+            head.obj is used, or the mannequin, fitted to the roots by a similarity that also gives unit and axes.
+        points: points per strand in the result.
 
     Raises:
         InputError: the groom or the head cannot be read, or no strand is usable.

@@ -1,4 +1,4 @@
-"""Losses of the strand prior (paper, "Training / Strand Generator"), and the errors that its reports give."""
+"""Losses of the strand prior (paper, "Training / Strand Generator")."""
 
 import math
 
@@ -24,9 +24,9 @@ def paper_loss(
 def absolute_loss(
     decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], direction_weight: float
 ) -> Float[Tensor, ""]:
-    """The paper's data term with distances that are not squared (L1): less drawn to the few strands that are far off.
+    """The paper's data term with distances that are not squared (L1): strands that are far off weigh less.
 
-    Distances are times `LIKE_SQUARED`, so that the other weights mean what they mean in `paper_loss`.
+    Distances are multiplied by `LIKE_SQUARED`, so that the other weights mean the same as in `paper_loss`.
     """
     distance = LIKE_SQUARED * (decoded - true).norm(dim=-1).sum(dim=1)
     return (distance + direction_weight * _unlike_directions(decoded, true)).mean()
@@ -35,7 +35,7 @@ def absolute_loss(
 def turn_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:
     """Squared error of the turn from each segment to the next (unit directions' difference), summed, mean over strands.
 
-    It asks for the curl itself where positions alone are served as well by the coil's axis.
+    It penalises a strand that follows the axis of a coil, which fits the positions alone as well as the curl does.
     """
     turn, true_turn = (torch.diff(unit_directions(points), dim=1) for points in (decoded, true))
     return (turn - true_turn).square().sum(dim=(1, 2)).mean()
@@ -55,7 +55,7 @@ def _unlike_directions(
 
 
 def relative_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]) -> Float[Tensor, ""]:
-    """Root mean square error of positions and slopes in strand lengths (the analysis' own), mean over strands.
+    """Root mean square error of positions and slopes in strand lengths (the error of the analysis), mean over strands.
 
     The root makes it robust (an L1 norm over strands); the division lets short hair count as much as long hair.
     """
@@ -68,7 +68,7 @@ def relative_loss(decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, 
 def kl_divergence(
     mean: Float[Tensor, "strand latent"], log_std: Float[Tensor, "strand latent"], free_bits: float = 0.0
 ) -> Float[Tensor, ""]:
-    """KL divergence of N(mean, std) from N(0, I), mean over strands, at least `free_bits` a latent, summed."""
+    """KL divergence of N(mean, std) from N(0, I), mean over strands, at least `free_bits` per latent, summed."""
     each = 0.5 * (mean.square() + (2 * log_std).exp() - 1) - log_std
     return each.mean(dim=0).clamp(min=free_bits).sum()
 
@@ -76,9 +76,9 @@ def kl_divergence(
 def gaussian_likelihood(
     latent: Float[Tensor, "strand latent"], log_volume: Float[Tensor, " strand"]
 ) -> Float[Tensor, ""]:
-    """Negative log likelihood of invertible latents under N(0, I), nats a latent (up to the linear map's constant).
+    """Negative log likelihood of invertible latents under N(0, I), nats per latent (up to the linear map's constant).
 
-    It is what the KL term tends to as the posterior narrows to its mean.
+    The KL term tends to this as the posterior narrows to its mean.
     """
     total = 0.5 * (latent.square() + math.log(2 * math.pi)).sum(dim=1) - log_volume
     return total.mean() / latent.shape[1]

@@ -1,10 +1,10 @@
 """Training of the strand prior (paper, "Training / Strand Generator").
 
-The default runs in three stages: a closed-form start from the curves (`prior.whiten`); the synthesiser's sines, by the
-error that the analysis leaves; then the modulator, by the likelihood of the curves' latents under N(0, I), and the CNN,
-by the error of strands decoded from noisy latents with the KL term. The `paper` preset trains everything at once from a
-random start with the paper's losses. Every random number is a function of seed and step, so a resumed run repeats the
-bits of one that was never stopped.
+The default has three stages: a closed-form start from the curves (`prior.whiten`); training of the synthesiser's sines
+by the error that the analysis leaves; then training of the modulator, by the likelihood of the curves' latents under
+N(0, I), and of the CNN, by the error of strands decoded from noisy latents and the KL term. The `paper` preset trains
+everything together from a random start with the paper's losses. Every random number is a function of seed and step, so
+a resumed run gives the same bits as one that was never stopped.
 """
 
 import json
@@ -40,7 +40,7 @@ from neural_strands.prior_training.losses import (
 HELD_OUT = 512
 """Curves, never trained on, whose error the progress bar shows."""
 NOISY = 32
-"""Curves of a batch that are also decoded from noisy latents in the default's last stage."""
+"""Curves of a batch that are also decoded from noisy latents in the last stage of the default."""
 
 
 @dataclass
@@ -64,21 +64,21 @@ def train_prior(
     device: torch.device | str = "cpu",
     notes: dict[str, str] | None = None,
 ) -> StrandPrior:
-    """Train a prior and write its weights to `out` (safetensors), a checkpoint and a log beside it.
+    """Train a prior and write its weights to `out` (safetensors), with a checkpoint and a log beside it.
 
     Args:
         out: where the weights go; they are written at every checkpoint.
         config: sizes, losses, steps.
         seed: of all randomness.
-        minutes: wall time after which training stops early (resume goes on from there).
+        minutes: wall time after which training stops early; `resume` continues from there.
         resume: continue from the checkpoint beside `out`.
         own: the user's strands in local metres, added to the synthetic curves.
         device: where to train.
         notes: how the weights are made, kept in the file.
 
     Raises:
-        InputError: a configuration that cannot be trained, nothing to resume, a checkpoint of another configuration or
-            seed, or losses that are not finite.
+        InputError: the configuration cannot be trained, there is nothing to resume, the checkpoint is of another
+            configuration or seed, or a loss is not finite.
     """
     check_config(config)
     began = time.monotonic()
@@ -128,7 +128,7 @@ def held_out_error(prior: StrandPrior, curves: Float[Tensor, "strand point 3"]) 
 def _steps(
     run: _Run, config: TrainPriorConfig, stream: CurveStream, device: torch.device
 ) -> Iterator[dict[str, float]]:
-    """Take the steps that are left, giving the losses of each."""
+    """Take the remaining steps, yielding the losses of each."""
     prior = run.prior
     if run.stage == 0:
         while run.step < config.stages[0]:
@@ -157,7 +157,7 @@ def _steps(
 def _sine_loss(
     prior: StrandPrior, curves: Float[Tensor, "strand point 3"], weights: PriorLossConfig
 ) -> Float[Tensor, ""]:
-    """Error that the closed-form analysis leaves; its gradient reaches the sines (the amplitudes are already best)."""
+    """Error that the closed-form analysis leaves; its gradient reaches the sines (amplitudes are optimal)."""
     generator = prior.generator
     raw = analyse(generator, curves, prior.encoder.config.refine)
     return _data_loss(generator.synthesiser(generator.modulations(raw), curves.shape[1]), curves, weights)
@@ -178,7 +178,7 @@ def _vae_losses(
 def _data_loss(
     decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], weights: PriorLossConfig
 ) -> Float[Tensor, ""]:
-    """Data term of the configured kind, and the weighted error of turns where there is a weight."""
+    """Data term of the configured kind, plus the weighted error of turns if its weight is not 0."""
     if weights.kind == "relative":
         data = relative_loss(decoded, true)
     else:
@@ -197,8 +197,8 @@ def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, floa
     values = dict(zip(losses, total.tolist(), strict=True))
     if not all(math.isfinite(value) for value in values.values()):
         raise InputError(
-            f"training: expected finite losses at step {run.step}, found {values}; lower the learning rate and go on "
-            "from the last checkpoint, or start anew."
+            f"training: expected finite losses at step {run.step}, found {values}; lower the learning rate and resume "
+            "from the last checkpoint, or start again."
         )
     for group in run.optimiser.param_groups:
         group["lr"] = group["highest"] * learning_rate(run.step, steps)
@@ -212,15 +212,15 @@ def _advance(run: _Run, losses: dict[str, Tensor], steps: int) -> dict[str, floa
 
 
 def learning_rate(step: int, steps: int, warm: int = 100) -> float:
-    """Share of the highest learning rate: a linear rise, then half a cosine down to zero."""
+    """Share of the highest learning rate: a linear rise, then half a cosine down to 0."""
     rise = min(1.0, (step + 1) / warm)
     return rise * 0.5 * (1 + float(torch.cos(torch.tensor(torch.pi * step / max(steps, 1)))))
 
 
 def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torch.optim.Optimizer:
-    """What each stage trains: the sines; then modulator and CNN; or all at once (the paper).
+    """The parameters that a stage trains: the sines; then modulator and CNN; or all together (the paper).
 
-    Only the closed-form analysis needs the sines and the linear map to stay as they are in the last stage.
+    In the last stage the sines and the linear map stay fixed only because of the closed-form analysis.
     """
     if not config.start_curves or (stage == 1 and not config.encoder.analysis):
         chosen, rate = list(prior.parameters()), config.learning_rate
@@ -233,7 +233,7 @@ def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torc
 
 
 def _initialised(config: TrainPriorConfig, generator: torch.Generator) -> StrandPrior:
-    """A prior whose random weights come from the generator: uniform within 1/sqrt(inputs), as torch's own."""
+    """A prior whose random weights come from the generator, uniform within 1/sqrt(inputs) as in torch."""
     prior = StrandPrior(config.generator, config.encoder)
     with torch.no_grad():
         for module in prior.modules():
@@ -246,7 +246,7 @@ def _initialised(config: TrainPriorConfig, generator: torch.Generator) -> Strand
 
 
 def _save(out: Path, checkpoint: Path, run: _Run, described: str, notes: dict[str, str]) -> None:
-    """Write the checkpoint and the weights; each is whole at any moment."""
+    """Write the checkpoint and the weights, each atomically."""
     state = {
         "described": described,
         "stage": run.stage,
