@@ -1,8 +1,43 @@
-"""The one error a user is meant to read."""
+"""The one error a user is meant to read, and how it quotes what it found."""
+
+import reprlib
+
+LONGEST_EXCERPT = 80
+"""Letters of a file's content that a message quotes at most."""
+LONGEST_REASON = 160
+"""Letters of another library's complaint that a message repeats at most."""
 
 
 class InputError(Exception):
-    """Bad input: one sentence that names the file, what was expected, what came, and what to do.
+    """Bad input: one sentence that names the file, what was expected, what was found, and what to do.
 
     The command line prints the sentence without a traceback and exits with status 2.
     """
+
+
+class _Short(reprlib.Repr):
+    """Python's notation of a value, cut before it is built, so that even a large value costs nothing to quote."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = self.maxlong = LONGEST_EXCERPT
+        self.maxlevel, self.maxlist, self.maxdict = 2, 4, 2
+
+
+def excerpt(content: object) -> str:
+    """Quote what a file holds: one short line of printable letters, whatever the content."""
+    if isinstance(content, str | bytes):
+        content = content[: LONGEST_EXCERPT + 1]
+    return _cut(_Short().repr(content), LONGEST_EXCERPT)
+
+
+def reason(error: BaseException) -> str:
+    """Repeat why something failed: one short line of printable letters, or the error's name where it says nothing."""
+    said = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    line = " ".join(said[: 10 * LONGEST_REASON].split())
+    printable = "".join(letter if letter.isprintable() else "?" for letter in line)
+    return _cut(printable or type(error).__name__, LONGEST_REASON)
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else text[: most - 3] + "..."

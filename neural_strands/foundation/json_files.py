@@ -1,0 +1,280 @@
+"""JSON from files that may hold anything: size and depth are bounded, and every value is checked where it is taken.
+
+A `JsonValue` knows where it stands, so each complaint names the file and the place: `transforms.json: frames[3].fl_x:
+expected a finite number, found 'wide'; ...`.
+"""
+
+import gzip
+import io
+import json
+import math
+import unicodedata
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neural_strands.foundation.errors import InputError, excerpt, reason
+from neural_strands.foundation.input_files import read_bytes
+
+LARGEST_JSON = 2**27
+"""Bytes of the largest document, after a .gz is unpacked."""
+LONGEST_TEXT = 1000
+"""Letters of the longest text that is taken from a document."""
+LONGEST_KEY = 40
+"""Letters of a name that a message repeats as it is."""
+REFUSED_LETTERS = {"Cc", "Cs", "Zl", "Zp"}
+"""Unicode categories that no name or path may hold: control characters, halves of a letter, line separators."""
+
+
+@dataclass(frozen=True)
+class JsonValue:
+    """A value of a JSON document, and where it stands.
+
+    Attributes:
+        value: what `json` made of it.
+        source: the file, for messages.
+        place: the keys and indices that lead to it, such as `frames[3].fl_x`; empty at the top.
+        advice: what to do about a wrong value.
+    """
+
+    value: Any
+    source: str
+    place: str = ""
+    advice: str = "mend the file"
+
+    def refuse(self, expected: str) -> InputError:
+        """Build the sentence that says what should stand here."""
+        where = f"{self.place}: " if self.place else ""
+        return InputError(f"{self.source}: {where}expected {expected}, found {excerpt(self.value)}; {self.advice}.")
+
+    def number(self, low: float = -math.inf, high: float = math.inf) -> float:
+        """Take a finite number between two bounds, both included.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        if isinstance(self.value, int | float) and not isinstance(self.value, bool):
+            try:
+                number = float(self.value)
+            except OverflowError:
+                number = math.inf
+            if math.isfinite(number) and low <= number <= high:
+                return number
+        raise self.refuse("a finite number" + _between(low, high))
+
+    def whole(self, low: int, high: int) -> int:
+        """Take a whole number between two bounds, both included; 512.0 is one too.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        value = self.value
+        integral = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
+        if integral and not isinstance(value, bool) and low <= value <= high:
+            return int(value)
+        raise self.refuse("a whole number" + _between(low, high))
+
+    def flag(self) -> bool:
+        """Take true or false.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        if isinstance(self.value, bool):
+            return self.value
+        raise self.refuse("true or false")
+
+    def text(self, longest: int = LONGEST_TEXT) -> str:
+        """Take a text without control characters.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        value = self.value
+        if isinstance(value, str) and len(value) <= longest and (value.isprintable() or not _controls(value)):
+            return value
+        raise self.refuse(f"a text of at most {longest} letters without control characters")
+
+    def choice(self, options: Sequence[str]) -> str:
+        """Take one of the texts in `options`.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        if isinstance(self.value, str) and self.value in options:
+            return self.value
+        raise self.refuse(f"one of {', '.join(options)}")
+
+    def elements(self) -> "list[JsonValue]":
+        """Take the elements of a list.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        if isinstance(self.value, list):
+            return [replace(self, value=value, place=f"{self.place}[{k}]") for k, value in enumerate(self.value)]
+        raise self.refuse("a list")
+
+    def members(self) -> "dict[str, JsonValue]":
+        """Take the members of an object, by name.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        if isinstance(self.value, dict):
+            return {key: self._member(key) for key in self.value}
+        raise self.refuse("an object in braces")
+
+    def member(self, key: str) -> "JsonValue":
+        """Take a member of an object.
+
+        Raises:
+            InputError: this is no object, or it has no such member.
+        """
+        found = self.optional(key)
+        if found is None:
+            raise replace(self, value=list(self.value)).refuse(f"a value under '{key}'")
+        return found
+
+    def optional(self, key: str) -> "JsonValue | None":
+        """Take a member of an object, or None where it is absent or null.
+
+        Raises:
+            InputError: this is no object.
+        """
+        if not isinstance(self.value, dict):
+            raise self.refuse("an object in braces")
+        return None if self.value.get(key) is None else self._member(key)
+
+    def array(self, *shape: int | None) -> np.ndarray:
+        """Take nested lists of finite numbers as a float64 array of this shape; None stands for any size.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        try:
+            found = np.array(self.value)
+        except (ValueError, OverflowError, RecursionError):
+            found = np.array(None)
+        fits = found.ndim == len(shape) and all(
+            side in (None, size) for side, size in zip(shape, found.shape, strict=True)
+        )
+        if fits and found.dtype.kind in "iuf" and np.isfinite(found).all():
+            return found.astype(np.float64)
+        sides = " x ".join("any" if side is None else str(side) for side in shape)
+        raise self.refuse(f"finite numbers in lists of size {sides}")
+
+    def wholes(self, low: int, high: int) -> list[int]:
+        """Take a list of whole numbers between two bounds, both included.
+
+        Raises:
+            InputError: something else stands here; the first wrong element is named.
+        """
+        if isinstance(self.value, list):
+            if all(type(value) is int and low <= value <= high for value in self.value):
+                return self.value
+            return [element.whole(low, high) for element in self.elements()]
+        raise self.refuse("a list of whole numbers")
+
+    def _member(self, key: str) -> "JsonValue":
+        plain = key.isidentifier() and len(key) <= LONGEST_KEY
+        name = f"{'.' if self.place else ''}{key}" if plain else f"[{excerpt(key)}]"
+        return replace(self, value=self.value[key], place=self.place + name)
+
+
+def read_json(path: Path, what: str, advice: str = "mend the file", most: int = LARGEST_JSON) -> JsonValue:
+    """Read a JSON document, unpacked first where the file's name ends in .gz.
+
+    Args:
+        path: the file.
+        what: what it should hold, for messages: "a list of face numbers".
+        advice: what to do where it holds something else.
+        most: bytes of the largest document, unpacked.
+
+    Raises:
+        InputError: the file cannot be read, or is no JSON.
+    """
+    data = read_bytes(path, what, most)
+    if path.suffix == ".gz":
+        data = _unpacked(path, data, what, most)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected {what} as JSON in UTF-8, found other bytes; {advice}.") from error
+    return parse_json(text, str(path), what, advice)
+
+
+def parse_json(
+    text: str, source: str, what: str, advice: str = "mend the file", with_constants: bool = False
+) -> JsonValue:
+    """Read a JSON document from memory.
+
+    Args:
+        text: the document.
+        source: where it comes from, for messages.
+        what: what it should hold, for messages.
+        advice: what to do where it holds something else.
+        with_constants: whether NaN, Infinity and -Infinity, which JSON does not have, are let through.
+
+    Raises:
+        InputError: it is no JSON, is nested too deeply, or names a member twice.
+    """
+    hooks: dict[str, Any] = {} if with_constants else {"parse_constant": _no_constant}
+    try:
+        return JsonValue(json.loads(text, object_pairs_hook=_members_once, **hooks), source, advice=advice)
+    except (ValueError, RecursionError, MemoryError) as error:
+        found = (
+            "brackets nested too deeply" if isinstance(error, RecursionError) else f"something else ({reason(error)})"
+        )
+        raise InputError(f"{source}: expected {what} as JSON, found {found}; {advice}.") from error
+
+
+def _unpacked(path: Path, data: bytes, what: str, most: int) -> bytes:
+    """The content of a gzip file, refused as soon as it exceeds `most` bytes."""
+    pieces: list[bytes] = []
+    size = 0
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            while piece := file.read(2**20):
+                pieces.append(piece)
+                size += len(piece)
+                if size > most:
+                    raise InputError(
+                        f"{path}: expected {what} of at most {most} bytes unpacked, found more; is it the right file?"
+                    )
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(
+            f"{path}: expected {what} in a whole gzip file, found a damaged one ({reason(error)}); copy it again."
+        ) from error
+    return b"".join(pieces)
+
+
+def _members_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The members of an object; which of two of the same name would count is nobody's to guess."""
+    members: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in members:
+            raise ValueError(f"the name {excerpt(name)} twice in one object")
+        members[name] = value
+    return members
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name}, which is no number of JSON")
+
+
+def _controls(text: str) -> bool:
+    return any(unicodedata.category(letter) in REFUSED_LETTERS for letter in text)
+
+
+def _between(low: float | int, high: float | int) -> str:
+    """The bounds in words; nothing where there are none."""
+    if low == -math.inf and high == math.inf:
+        return ""
+    if high == math.inf:
+        return f" of at least {low}"
+    return f" of at most {high}" if low == -math.inf else f" from {low} to {high}"

@@ -1,0 +1,237 @@
+"""Arrays from .npz files that may hold anything.
+
+The archive's directory and each array's own header are read first: what they claim is held against each other, against
+the size of the file and against what the caller expects before any memory is taken for an array. Nothing is unpickled.
+"""
+
+import io
+import math
+import warnings
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from neural_strands.foundation.errors import InputError, excerpt, reason
+from neural_strands.foundation.input_files import check_file
+
+LARGEST_ARCHIVE = 2**32
+"""Bytes of all arrays of one archive, unpacked."""
+MOST_INFLATED = 100
+"""An archive may not claim to unpack to more than this many times its own size, plus `SLACK`."""
+SLACK = 2**20
+"""Bytes that any archive may unpack to."""
+PIECE = 2**22
+"""Bytes that are unpacked at once."""
+LARGEST_HEADER = 2**14
+"""Bytes of an array's header, more than that of any plain array."""
+KINDS = {"f": "floats", "i": "whole numbers", "u": "unsigned numbers", "b": "booleans"}
+"""What numpy's letters stand for."""
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """What an array of an archive has to be.
+
+    Attributes:
+        name: its name in the archive.
+        shape: names or sizes of its axes, separated by spaces, as jaxtyping writes them: "point 3". Axes of the same
+            name have the same size in all arrays of an archive; "" is a single number, and None takes any shape.
+        dtype: what it is returned as; None keeps what is stored, in this machine's byte order.
+        kinds: numpy's letters of the kinds of number that may be stored: f float, i and u whole, b true or false.
+        required: whether an archive without it is refused.
+        finite: whether NaN and infinity are refused.
+    """
+
+    name: str
+    shape: str | None
+    dtype: type[np.generic] | None = None
+    kinds: str = "f"
+    required: bool = True
+    finite: bool = True
+
+
+@dataclass(frozen=True)
+class _Member:
+    """An array of an archive as its headers describe it."""
+
+    info: zipfile.ZipInfo
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype
+    start: int
+
+
+def read_npz(
+    path: Path, what: str, specs: Sequence[ArraySpec], advice: str = "export it again", most: int = LARGEST_ARCHIVE
+) -> dict[str, np.ndarray]:
+    """Read the arrays that are asked for; others in the archive are left alone.
+
+    Args:
+        path: the archive.
+        what: what it should hold, for messages: "line segments".
+        specs: the arrays that are wanted.
+        advice: what to do where it holds something else.
+        most: bytes of all arrays together.
+
+    Returns:
+        Writable arrays by name; an array that is not required may be absent.
+
+    Raises:
+        InputError: the file cannot be read, is no archive of plain arrays, or an array is not as `specs` has it.
+    """
+    check_file(path, what)
+    with _Archive(path, what, advice) as archive:
+        infos = _chosen(archive, specs, most)
+        members: dict[str, _Member] = {}
+        sizes: dict[str, int] = {}
+        for spec in specs:
+            if spec.name in infos:
+                members[spec.name] = _described(archive, infos[spec.name])
+                _check_shape(archive, members[spec.name], spec, sizes)
+        return {spec.name: _array(archive, members[spec.name], spec) for spec in specs if spec.name in infos}
+
+
+def array_names(path: Path) -> set[str]:
+    """Names of the arrays of an .npz file; none for any other file, and none for a broken one."""
+    if path.suffix.lower() != ".npz":
+        return set()
+    try:
+        with _Archive(path, "arrays", "export it again") as archive:
+            return {_name(info) for info in archive.zip.infolist()}
+    except InputError:
+        # Whoever reads the file next says what is wrong with it.
+        return set()
+
+
+class _Archive:
+    """An open archive, and the sentences that refuse it."""
+
+    zip: zipfile.ZipFile
+
+    def __init__(self, path: Path, what: str, advice: str) -> None:
+        self.path, self.what, self.advice = path, what, advice
+
+    def __enter__(self) -> "_Archive":
+        with self.guarded(0):
+            self.zip = zipfile.ZipFile(self.path)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.zip.close()
+
+    def refuse(self, place: int, expected: str, found: str) -> InputError:
+        """Build the sentence about what stands at a byte of the file."""
+        return InputError(f"{self.path}: byte {place}: expected {expected}, found {found}; {self.advice}.")
+
+    @contextmanager
+    def guarded(self, place: int) -> Iterator[None]:
+        """Turn any failure of another library into the sentence: zipfile, zlib and numpy's header parser have a dozen.
+
+        They range from BadZipFile and NotImplementedError to TokenError and RecursionError. Nothing of our own
+        belongs into the block.
+        """
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                yield
+        except Exception as error:
+            found = f"a broken one ({reason(error)})"
+            raise self.refuse(place, f"{self.what} (an .npz archive of plain arrays)", found) from error
+
+
+def _name(info: zipfile.ZipInfo) -> str:
+    return info.filename.removesuffix(".npy")
+
+
+def _chosen(archive: _Archive, specs: Sequence[ArraySpec], most: int) -> dict[str, zipfile.ZipInfo]:
+    """The directory's entries of the arrays that are asked for, their claims about size held against the file's."""
+    chosen: dict[str, zipfile.ZipInfo] = {}
+    wanted = {spec.name for spec in specs}
+    entries = archive.zip.infolist()
+    for info in entries:
+        if _name(info) in chosen:
+            raise archive.refuse(info.header_offset, "every array once", f"{excerpt(_name(info))} twice")
+        if _name(info) in wanted:
+            chosen[_name(info)] = info
+    for spec in specs:
+        if spec.required and spec.name not in chosen:
+            found = excerpt(", ".join(_name(info) for info in entries[:10])) if entries else "none"
+            raise archive.refuse(0, f"an array {spec.name}", found)
+    claimed, size = sum(info.file_size for info in chosen.values()), archive.path.stat().st_size
+    if claimed > min(most, MOST_INFLATED * size + SLACK):
+        raise archive.refuse(0, "arrays of a sane size", f"{claimed} bytes claimed by a file of {size}")
+    return chosen
+
+
+def _described(archive: _Archive, info: zipfile.ZipInfo) -> _Member:
+    """Read an array's own header and hold it against the archive's directory."""
+    name, place = excerpt(_name(info)), info.header_offset
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise archive.refuse(place, f"{name} stored or deflated", f"compression {info.compress_type}")
+    with archive.guarded(place):
+        with archive.zip.open(info) as file:
+            head = io.BytesIO(file.read(LARGEST_HEADER))
+        version = np.lib.format.read_magic(head)
+        first = version == (1, 0)
+        read_header = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read_header(head)
+    if version not in ((1, 0), (2, 0)):
+        raise archive.refuse(place, "an array of .npy version 1 or 2", f"version {version[0]}.{version[1]}")
+    if dtype.hasobject or dtype.kind not in KINDS:
+        raise archive.refuse(place, f"{name} of plain numbers", excerpt(str(dtype)))
+    claimed = head.tell() + math.prod(shape) * dtype.itemsize
+    if claimed != info.file_size or any(side < 0 for side in shape):
+        expected = f"{name} of as many bytes as its shape says ({excerpt(claimed)})"
+        raise archive.refuse(place, expected, f"{info.file_size}")
+    return _Member(info, tuple(shape), fortran, dtype, head.tell())
+
+
+def _check_shape(archive: _Archive, member: _Member, spec: ArraySpec, sizes: dict[str, int]) -> None:
+    """Hold kind and shape against what is asked for; `sizes` remembers the axes of all arrays."""
+    axes = None if spec.shape is None else spec.shape.split()
+    fits = axes is None or len(axes) == len(member.shape)
+    for axis, side in zip(axes or (), member.shape, strict=False):
+        fits = fits and side == (int(axis) if axis.isdigit() else sizes.setdefault(axis, side))
+    if not fits or member.dtype.kind not in spec.kinds:
+        kinds = " or ".join(KINDS[kind] for kind in spec.kinds)
+        sides = [f"{axis} = {sizes[axis]}" if axis in sizes else axis for axis in axes or ()]
+        shape = "any shape" if axes is None else f"shape ({', '.join(sides)})"
+        found = excerpt(f"{member.dtype} {member.shape}")
+        raise archive.refuse(member.info.header_offset, f"{spec.name} of {kinds} in {shape}", found)
+
+
+def _array(archive: _Archive, member: _Member, spec: ArraySpec) -> np.ndarray:
+    """Read an array, and convert and check its numbers."""
+    place = member.info.header_offset
+    stored = _stored(archive, member)
+    wanted = member.dtype.newbyteorder("=") if spec.dtype is None else np.dtype(spec.dtype)
+    if wanted.kind in "iu" and stored.size:
+        bounds, low, high = np.iinfo(wanted.name), int(stored.min()), int(stored.max())
+        if low < bounds.min or high > bounds.max:
+            raise archive.refuse(place, f"{spec.name} within {wanted}", f"{low} to {high}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        array = stored.astype(wanted, copy=False).reshape(member.shape, order="F" if member.fortran else "C")
+    if spec.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+        first = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
+        found = f"{array[first]} at [{', '.join(str(index) for index in first)}]"
+        raise archive.refuse(place, f"finite numbers in {spec.name}", found)
+    return np.ascontiguousarray(array)
+
+
+def _stored(archive: _Archive, member: _Member) -> np.ndarray:
+    """The numbers of an array in the order of the file; with the last of them zipfile compares the checksum."""
+    stored = np.zeros(math.prod(member.shape), member.dtype)
+    target, done = stored.view(np.uint8), 0
+    with archive.guarded(member.info.header_offset), archive.zip.open(member.info) as file:
+        file.read(member.start)
+        while done < len(target):
+            piece = file.read(min(PIECE, len(target) - done))
+            if not piece:
+                raise EOFError(f"it ends {len(target) - done} bytes early")
+            target[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
+            done += len(piece)
+    return stored
