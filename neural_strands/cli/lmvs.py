@@ -59,7 +59,7 @@ class Lmvs:
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
-        from neural_strands.lmvs.strokes import read_strokes
+        from neural_strands.lmvs.strokes import lift_stroke, read_strokes
         from neural_strands.lmvs.views import reduced
 
         if not 0 < math.hypot(*self.up) < math.inf:
@@ -70,6 +70,8 @@ class Lmvs:
         capture = Capture.load(self.capture)
         if self.views is not None:
             capture = capture.subset(self.views)
+        # Read before the hours of stereo, lifted after them.
+        drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         views = capture_views(capture)
         if self.size is not None:
             views = [reduced(view, self.size) for view in views]
@@ -77,7 +79,7 @@ class Lmvs:
         device = pick_device(self.device)
         there, head = [moved(view, device) for view in views], None if capture.head is None else capture.head.to(device)
         segments = reconstruct(there, head, config, seeded(self.seed), self.out / "work", track).to("cpu")
-        strokes = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras, segments)
+        strokes = [lift_stroke(stroke, segments) for stroke in drawn]
         x, y, z = (axis / math.hypot(*self.up) for axis in self.up)
         segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig(), (x, y, z))
         for suffix in ("npz", "ply"):

@@ -58,6 +58,4 @@ def check_file(path: Path, what: str, most: int = LARGEST_FILE) -> None:
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or pipe"
         raise InputError(f"{path}: expected {what}, found {kind}; name a file.")
     if status.st_size > most:
-        raise InputError(
-            f"{path}: expected {what} of at most {most} bytes, found {status.st_size}; is it the right file?"
-        )
+        raise InputError(f"{path}: expected {what} of at most {most} bytes, found {status.st_size}; name another file.")

@@ -233,6 +233,17 @@ def parse_json(
         raise InputError(f"{source}: expected {what} as JSON, found {found}; {advice}.") from error
 
 
+def check_format(document: JsonValue, version: int) -> None:
+    """Refuse a document whose member `format` names another version of its layout than the one that is read.
+
+    Raises:
+        InputError: there is no such member, or it names another version.
+    """
+    written = document.member("format")
+    if type(written.value) is not int or written.value != version:
+        raise replace(written, advice="use the version of neural-strands that wrote it").refuse(f"{version}")
+
+
 def _unpacked(path: Path, data: bytes, what: str, most: int) -> bytes:
     """The content of a gzip file, refused as soon as it exceeds `most` bytes."""
     pieces: list[bytes] = []
@@ -244,7 +255,7 @@ def _unpacked(path: Path, data: bytes, what: str, most: int) -> bytes:
                 size += len(piece)
                 if size > most:
                     raise InputError(
-                        f"{path}: expected {what} of at most {most} bytes unpacked, found more; is it the right file?"
+                        f"{path}: expected {what} of at most {most} bytes unpacked, found more; name another file."
                     )
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(

@@ -39,7 +39,8 @@ class ArraySpec:
     Attributes:
         name: its name in the archive.
         shape: names or sizes of its axes, separated by spaces, as jaxtyping writes them: "point 3". Axes of the same
-            name have the same size in all arrays of an archive; "" is a single number, and None takes any shape.
+            name have the same size in all arrays of an archive, and "point+1" is one more than "point"; "" is a single
+            number, and None takes any shape.
         dtype: what it is returned as; None keeps what is stored, in this machine's byte order.
         kinds: numpy's letters of the kinds of number that may be stored: f float, i and u whole, b true or false.
         required: whether an archive without it is refused.
@@ -195,7 +196,9 @@ def _check_shape(archive: _Archive, member: _Member, spec: ArraySpec, sizes: dic
     axes = None if spec.shape is None else spec.shape.split()
     fits = axes is None or len(axes) == len(member.shape)
     for axis, side in zip(axes or (), member.shape, strict=False):
-        fits = fits and side == (int(axis) if axis.isdigit() else sizes.setdefault(axis, side))
+        name, _, more = axis.partition("+")
+        size = side - int(more or 0)
+        fits = fits and size == (int(name) if name.isdigit() else sizes.setdefault(name, size))
     if not fits or member.dtype.kind not in spec.kinds:
         kinds = " or ".join(KINDS[kind] for kind in spec.kinds)
         sides = [f"{axis} = {sizes[axis]}" if axis in sizes else axis for axis in axes or ()]
@@ -219,7 +222,7 @@ def _array(archive: _Archive, member: _Member, spec: ArraySpec) -> np.ndarray:
         first = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
         found = f"{array[first]} at [{', '.join(str(index) for index in first)}]"
         raise archive.refuse(place, f"finite numbers in {spec.name}", found)
-    return np.ascontiguousarray(array)
+    return np.asarray(array, order="C")
 
 
 def _stored(archive: _Archive, member: _Member) -> np.ndarray:

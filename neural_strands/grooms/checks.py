@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.input_files import read_bytes
 from neural_strands.grooms.groom import ATTRIBUTES, Groom
 
 LARGEST = 1e9
@@ -17,18 +18,13 @@ Locate = Callable[[str, int], str]
 """Says where a row of "vertices" or of an attribute stands in the file, such as "byte 140"."""
 
 
-def read_bytes(path: Path) -> bytes:
+def read_groom_bytes(path: Path) -> bytes:
     """Read a whole file.
 
     Raises:
         InputError: it is missing, unreadable or empty.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"{path}: expected a groom file, but it cannot be read ({error.strerror or error})."
-        ) from error
+    data = read_bytes(path, "a groom file")
     if not data:
         raise InputError(f"{path}: expected a groom file, but it is empty (stops at byte 0); export it again.")
     return data

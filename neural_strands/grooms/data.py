@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse, require_bytes
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse, require_bytes
 from neural_strands.grooms.groom import Groom
 
 
@@ -17,7 +17,7 @@ def read_data(path: Path) -> Groom:
     Raises:
         InputError: the file is not what its counts claim.
     """
-    data = read_bytes(path)
+    data = read_groom_bytes(path)
     require_bytes(path, 0, 4, len(data), "strand count")
     strands = int.from_bytes(data[:4], "little", signed=True)
     if strands < 0:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.foundation.errors import InputError
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse, require_bytes
+from neural_strands.foundation.errors import InputError, excerpt
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse, require_bytes
 from neural_strands.grooms.groom import Groom
 
 HEADER = struct.Struct("<4s4I5f88s")
@@ -28,11 +28,11 @@ def read_hair(path: Path) -> Groom:
     Raises:
         InputError: the file is not what its header claims.
     """
-    data = read_bytes(path)
+    data = read_groom_bytes(path)
     require_bytes(path, 0, HEADER.size, len(data), "header")
     magic, strands, points, flags, default, *_ = HEADER.unpack_from(data)
     if magic != b"HAIR":
-        raise refuse(path, "byte 0", "the letters HAIR", repr(magic), "choose a .hair file")
+        raise refuse(path, "byte 0", "the letters HAIR", excerpt(magic), "choose a .hair file")
     if not flags & POINTS:
         raise refuse(path, "byte 12", "flags with an array of points (2)", str(flags))
     widths = {SEGMENTS: 2 * strands, POINTS: 12 * points, THICKNESS: 4 * points, TRANSPARENCY: 4 * points}

@@ -9,7 +9,7 @@ from neural_strands.grooms.checks import check_writable
 from neural_strands.grooms.data import read_data, write_data
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.hair import read_hair, write_hair
-from neural_strands.grooms.npz import read_npz, write_npz
+from neural_strands.grooms.npz import read_groom_npz, write_groom_npz
 from neural_strands.grooms.obj import read_obj, write_obj
 from neural_strands.grooms.ply import read_ply, write_ply
 from neural_strands.grooms.tfx import read_tfx, write_tfx
@@ -35,7 +35,7 @@ READERS: dict[str, Callable[[Path], Groom]] = {
     ".usdc": read_usd,
     ".ply": read_ply,
     ".obj": read_obj,
-    ".npz": read_npz,
+    ".npz": read_groom_npz,
 }
 """The reader of each suffix."""
 WRITERS: dict[str, Callable[[Path, Groom], None]] = {
@@ -47,7 +47,7 @@ WRITERS: dict[str, Callable[[Path, Groom], None]] = {
     ".usdc": write_usd,
     ".ply": write_ply,
     ".obj": write_obj,
-    ".npz": write_npz,
+    ".npz": write_groom_npz,
 }
 """The writer of each suffix."""
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.polylines import join_chains
 from neural_strands.grooms.text import Lines
@@ -24,7 +24,7 @@ def read_obj(path: Path) -> Groom:
     Raises:
         InputError: it holds no polylines, or they name vertices that are not there.
     """
-    data = read_bytes(path)
+    data = read_groom_bytes(path)
     if b"\\\n" in data:
         # A backslash continues a line; two spaces keep every byte in its place.
         data = data.replace(b"\\\n", b"  ")

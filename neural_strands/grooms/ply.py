@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse, require_bytes
+from neural_strands.foundation.errors import excerpt
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse, require_bytes
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.polylines import join_chains
 from neural_strands.grooms.text import Lines
@@ -29,8 +30,8 @@ STRAND_PROPERTIES = {
     "unseen": ("unseen",),
 }
 """Attributes of a strand and their properties."""
-ELEMENT = re.compile(r"element (\S+) (\d{1,18})")
-PROPERTY = re.compile(r"property (\S+) (\S+)")
+ELEMENT = re.compile(r"element ([!-~]{1,80}) (\d{1,18})")
+PROPERTY = re.compile(r"property (\S+) ([!-~]{1,80})")
 LONGEST_HEADER = 65536
 
 
@@ -55,13 +56,19 @@ def read_ply(path: Path) -> Groom:
     Raises:
         InputError: the file is not what its header claims, or holds no edges.
     """
-    data = read_bytes(path)
+    data = read_groom_bytes(path)
     encoding, elements, body = _header(path, data)
     tables, starts = _tables(path, data, encoding, elements, body)
     for name, columns in (("vertex", ("x", "y", "z")), ("edge", ("vertex1", "vertex2"))):
         if name not in tables or not set(columns) <= set(tables[name].dtype.names or ()):
             expected = f"an element {name} with {', '.join(columns)}"
-            raise refuse(path, "byte 0", expected, f"{', '.join(tables) or 'none'}", "export polylines, not points")
+            raise refuse(
+                path,
+                "byte 0",
+                expected,
+                excerpt(", ".join(tables)) if tables else "none",
+                "export polylines, not points",
+            )
     vertex, edge = tables["vertex"], tables["edge"]
     ends = np.stack([edge["vertex1"], edge["vertex2"]], axis=1).astype(np.float64)
     wrong = ~((ends >= 0) & (ends < len(vertex)) & (ends == np.floor(ends))).all(axis=1)
@@ -114,7 +121,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
     """Return the encoding, the elements, and the byte where the body starts."""
     match = re.search(rb"(?:^|\n)end_header[ \t]*\r?\n", data[:LONGEST_HEADER])
     if not data.startswith(b"ply") or match is None:
-        raise refuse(path, "line 1 (byte 0)", "a ply header", repr(data[:12]), "choose a .ply file")
+        raise refuse(path, "line 1 (byte 0)", "a ply header", excerpt(data[:12]), "choose a .ply file")
     encoding, elements = "", []
     for number, line in enumerate(data[: match.start()].decode("latin1").splitlines(), start=1):
         words = line.split()
@@ -128,13 +135,15 @@ def _header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
             found = PROPERTY.fullmatch(text)
             scalar = found is not None and found[1] in TYPES
             if not elements or (words[1:2] != ["list"] and not scalar):
-                raise refuse(path, place, "property TYPE NAME after an element", repr(text))
+                raise refuse(path, place, "property TYPE NAME after an element", excerpt(text))
             last = elements.pop()
             known = last.properties if scalar else None
             added = None if known is None or found is None else (*known, (found[2], TYPES[found[1]]))
             elements.append(Element(last.name, last.count, added))
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        raise refuse(path, "line 2 (byte 4)", "format ascii, binary_little_endian or binary_big_endian", repr(encoding))
+        raise refuse(
+            path, "line 2 (byte 4)", "format ascii, binary_little_endian or binary_big_endian", excerpt(encoding)
+        )
     return encoding, elements, match.end()
 
 
@@ -190,7 +199,7 @@ def _dtype(path: Path, element: Element, order: str) -> np.dtype:
     """The row of a table, packed."""
     names = [name for name, _ in element.properties or ()]
     if len(set(names)) < len(names):
-        raise refuse(path, "byte 0", f"properties of {element.name} that differ", ", ".join(names))
+        raise refuse(path, "byte 0", f"properties of {element.name} that differ", excerpt(", ".join(names)))
     return np.dtype([(name, order + kind) for name, kind in element.properties or ()])
 
 

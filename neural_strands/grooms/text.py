@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neural_strands.foundation.errors import excerpt
 from neural_strands.grooms.checks import refuse
 
 IS_SPACE = np.zeros(256, dtype=bool)
@@ -95,5 +96,5 @@ class Lines:
             for byte in self.word[first : self.first_word[line] + self.word_count[line]].tolist():
                 word = self.data[byte : byte + 40].split(None, 1)[0]
                 if not NUMBER.fullmatch(word):
-                    return refuse(self.path, self.where(line, byte), "a number", repr(word.decode("latin1")))
+                    return refuse(self.path, self.where(line, byte), "a number", excerpt(word.decode("latin1")))
         return refuse(self.path, "line 1 (byte 0)", "numbers", "something else")

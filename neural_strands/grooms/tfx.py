@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse, require_bytes
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse, require_bytes
 from neural_strands.grooms.groom import Groom
 
 HEADER = struct.Struct("<f7I128x")
@@ -24,7 +24,7 @@ def read_tfx(path: Path) -> Groom:
     Raises:
         InputError: the file is not what its header claims.
     """
-    data = read_bytes(path)
+    data = read_groom_bytes(path)
     require_bytes(path, 0, HEADER.size, len(data), "TressFX 4 header")
     version, strands, points, at_position, at_uv, _, at_width, at_color = HEADER.unpack_from(data)
     if not 4.0 <= version < 5.0:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.foundation.errors import InputError
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse
+from neural_strands.foundation.errors import InputError, excerpt
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.text import Lines
 
@@ -28,7 +28,7 @@ def read_tfx_text(path: Path) -> Groom:
     Raises:
         InputError: the file is not what its header claims.
     """
-    data = read_bytes(path).replace(b",", b" ")
+    data = read_groom_bytes(path).replace(b",", b" ")
     lines = Lines(path, data)
     filled = np.flatnonzero(lines.word_count > 0)
     is_strand = np.zeros(len(lines), dtype=bool)
@@ -94,12 +94,14 @@ def _header(lines: Lines, filled: np.ndarray, end: int) -> tuple[int, int] | Non
         words = lines.data[begin : begin + 200].split(b"\n", 1)[0].split()
         if words[0] == b"numStrands":
             if len(words) != 2 or not words[1].isdigit() or len(words[1]) > 18:
-                raise refuse(lines.path, lines.where(int(line)), "a number of strands", repr(words[1:]))
+                raise refuse(lines.path, lines.where(int(line)), "a number of strands", excerpt(words[1:]))
             claimed = int(words[1]), int(line)
         if words[0] in IDENTITY and tuple(map(_number, words[1:])) != IDENTITY[words[0]]:
             name = words[0].decode()
             advice = "export without a transform"
-            raise refuse(lines.path, lines.where(int(line)), f"a {name} that changes nothing", repr(words[1:]), advice)
+            raise refuse(
+                lines.path, lines.where(int(line)), f"a {name} that changes nothing", excerpt(words[1:]), advice
+            )
     return claimed
 
 
@@ -114,7 +116,7 @@ def _pair(lines: Lines, line: int, match: re.Match[bytes]) -> tuple[float, float
     u, v = _number(match[2]), _number(match[3])
     if u is None or v is None:
         raise refuse(
-            lines.path, lines.where(line), "a texcoord of two numbers", repr(match[0].decode("latin1").strip())
+            lines.path, lines.where(line), "a texcoord of two numbers", excerpt(match[0].decode("latin1").strip())
         )
     return u, v
 

@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.grooms.checks import build_groom, read_bytes, refuse
+from neural_strands.foundation.errors import excerpt
+from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse
 from neural_strands.grooms.groom import ATTRIBUTES, Groom
 from neural_strands.grooms.usd_worker import PRIMVARS, REFUSED, pxr_module
 
@@ -115,11 +116,11 @@ def _check_container(path: Path) -> None:
     Raises:
         InputError: saying what is wrong.
     """
-    data = read_bytes(path)
+    data = read_groom_bytes(path)
     if data.startswith(b"#usda") and path.suffix.lower() != ".usdc":
         return
     if not data.startswith(b"PXR-USDC"):
-        raise refuse(path, "byte 0", "a USD stage (#usda or PXR-USDC)", repr(data[:8]), "choose a .usd file")
+        raise refuse(path, "byte 0", "a USD stage (#usda or PXR-USDC)", excerpt(data[:8]), "choose a .usd file")
     contents = int.from_bytes(data[16:CRATE_HEADER], "little")
     if len(data) < CRATE_HEADER or not CRATE_HEADER <= contents < len(data) - 8:
         found = f"{contents} in a file of {len(data)} bytes"

@@ -7,10 +7,18 @@ import torch
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.line_segments import LineSegments
 
-NAMES = ("points", "directions", "confidence", "segment_id")
+ARRAYS = (
+    ArraySpec("points", "point 3", np.float32),
+    ArraySpec("directions", "point 3", np.float32),
+    ArraySpec("confidence", "point", np.float32),
+    ArraySpec("segment_id", "point", np.int64, kinds="iu"),
+)
 """Arrays of the npz file, as LineSegments names them."""
+DIRECTION_TOLERANCE = 0.01
+"""How far the length of a stored direction may be from 1."""
 
 
 def save_segments(path: Path, segments: LineSegments) -> None:
@@ -22,7 +30,7 @@ def save_segments(path: Path, segments: LineSegments) -> None:
     Raises:
         InputError: another suffix, or the file cannot be written.
     """
-    arrays = {name: getattr(segments, name).detach().cpu().numpy() for name in NAMES}
+    arrays = {spec.name: getattr(segments, spec.name).detach().cpu().numpy() for spec in ARRAYS}
     if path.suffix == ".npz":
         with atomic_file(path) as temporary:
             np.savez_compressed(temporary, **arrays)
@@ -30,26 +38,30 @@ def save_segments(path: Path, segments: LineSegments) -> None:
         with atomic_file(path) as temporary:
             temporary.write_bytes(_ply(arrays))
     else:
-        raise InputError(f"{path}: expected a file name that ends in .npz or .ply, came {path.suffix or 'none'}.")
+        raise InputError(f"{path}: expected a file name that ends in .npz or .ply, found {path.suffix or 'none'}.")
 
 
 def load_segments(path: Path) -> LineSegments:
     """Read segments that `save_segments` wrote as npz.
 
     Raises:
-        InputError: the file is missing or is not such a file.
+        InputError: the file cannot be read, or an array is missing, has another shape or type, holds a number that is
+            not finite, or is not what `LineSegments` says of it.
     """
-    try:
-        with np.load(path) as stored:
-            arrays = {name: torch.from_numpy(stored[name]) for name in NAMES}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(
-            f"{path}: expected line segments ({', '.join(NAMES)}), came what cannot be read ({error})."
-        ) from error
-    count = len(arrays["points"])
-    if any(len(array) != count for array in arrays.values()):
-        raise InputError(f"{path}: expected {count} values in every array, came others; run lmvs again.")
-    return LineSegments(**arrays)
+    arrays = read_npz(path, "line segments", ARRAYS, advice="run lmvs again")
+    steps = np.diff(arrays["segment_id"], prepend=-1)
+    length = np.linalg.norm(arrays["directions"].astype(np.float64), axis=1)
+    faults = {
+        "segment_id that counts segments up from 0": (steps < 0) | (steps > 1) | (arrays["segment_id"] < 0),
+        "directions of length 1": abs(length - 1) > DIRECTION_TOLERANCE,
+        "confidence from 0 to 1": (arrays["confidence"] < 0) | (arrays["confidence"] > 1),
+    }
+    for expected, wrong in faults.items():
+        if wrong.any():
+            first, name = int(wrong.argmax()), expected.partition(" ")[0]
+            found = arrays[name][first].tolist()
+            raise InputError(f"{path}: expected {expected}, found {found} at point {first}; run lmvs again.")
+    return LineSegments(**{name: torch.from_numpy(array) for name, array in arrays.items()})
 
 
 def _ply(arrays: dict[str, np.ndarray]) -> bytes:

@@ -94,7 +94,7 @@ LIES = {
     "usdc truncated": (".usdc", b"PXR-USDC" + bytes(8) + b"\xff" * 8, r"byte 16: .*table of contents"),
     "usda syntax": (".usda", b"#usda 1.0\ndef BasisCurves {{{", r"byte 0: expected a USD stage"),
     "usda no curves": (".usda", b'#usda 1.0\ndef Xform "a" {}\n', r"expected BasisCurves, found none"),
-    "npz not a zip": (".npz", b"PK\x03\x04junk", r"byte 0: expected an .npz archive"),
+    "npz not a zip": (".npz", b"PK\x03\x04junk", r"byte 0: expected a groom \(an .npz archive"),
     "empty": (".hair", b"", r"it is empty \(stops at byte 0\)"),
 }
 

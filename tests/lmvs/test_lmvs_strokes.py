@@ -9,7 +9,7 @@ import torch
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.lmvs.strokes import read_strokes
+from neural_strands.lmvs.strokes import lift_stroke, read_strokes
 
 CAMERA = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 400.0, (200, 200), "front")
 
@@ -28,7 +28,7 @@ def test_a_stroke_on_a_view_is_lifted_to_what_it_sees_first(tmp_path: Path):
     pixels = CAMERA.project(truth)[0]
     path = tmp_path / "strokes.json"
     path.write_text(json.dumps([{"view": "front", "points": pixels.tolist()}, {"points": truth.tolist()}]))
-    lifted, given = read_strokes(path, [CAMERA], wall())
+    lifted, given = (lift_stroke(stroke, wall()) for stroke in read_strokes(path, [CAMERA]))
     assert torch.allclose(lifted, truth, atol=1e-4)
     assert torch.allclose(given, truth)
 
@@ -36,8 +36,16 @@ def test_a_stroke_on_a_view_is_lifted_to_what_it_sees_first(tmp_path: Path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("no", "expected a JSON list of strokes"),
-        ('[{"points": [[0, 0, 0]]}]', "stroke 0: expected two or more points of 3"),
+        ("no", "expected a list of strokes as JSON"),
+        ("{}", "expected a list"),
+        ("[5]", r"\[0\]: expected an object"),
+        ("[" * 100_000, "nested too deeply"),
+        ('[{"view": "front"}]', "a value under 'points'"),
+        ('[{"points": [[0, 0, 0]]}]', r"\[0\]\.points: expected two or more points of 3"),
+        ('[{"points": [[0, 0, 0], [1, 1]]}]', r"\[0\]\.points: expected finite numbers in lists of size any x 3"),
+        ('[{"points": [[0, 0, 0], [1, 1, 1e300]]}]', "two or more points of 3 finite numbers"),
+        ('[{"points": [[0, 0, 0], [1, 1, "2"]]}]', "finite numbers"),
+        ('[{"view": ["front"], "points": [[0, 0], [1, 1]]}]', "expected a text"),
         ('[{"view": "back", "points": [[0, 0], [1, 1]]}]', "name of a view"),
         ('[{"view": "front", "points": [[0, 0], [1, 1]]}]', "points on the hair"),
     ],
@@ -45,5 +53,7 @@ def test_a_stroke_on_a_view_is_lifted_to_what_it_sees_first(tmp_path: Path):
 def test_a_wrong_file_is_one_sentence(tmp_path: Path, content: str, message: str):
     path = tmp_path / "strokes.json"
     path.write_text(content)
-    with pytest.raises(InputError, match=message):
-        read_strokes(path, [CAMERA], wall())
+    with pytest.raises(InputError, match=message) as caught:
+        [lift_stroke(stroke, wall()) for stroke in read_strokes(path, [CAMERA])]
+    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).isprintable()
