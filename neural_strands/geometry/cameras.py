@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 OPENGL_TO_OPENCV = (1.0, -1.0, -1.0, 1.0)
-"""Diagonal that turns OpenGL camera axes (y up, z backward) into OpenCV's, and back."""
+"""Diagonal that converts OpenGL camera axes (y up, z backward) to OpenCV's and back."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Camera:
         world_to_camera: rigid transform from world metres to camera metres.
         width: image width in pixels.
         height: image height in pixels.
-        name: what messages and files call this view.
+        name: of the view, in messages and files.
     """
 
     intrinsics: Float[Tensor, "3 3"]
@@ -109,7 +109,7 @@ class Camera:
     def project(self, points: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch 2"], Float[Tensor, "*batch"]]:
         """Project world points to pixels and depth along the optical axis (metres; behind where not positive).
 
-        A point on the plane of the camera itself has no image: it comes back infinite or NaN, and its depth says so.
+        A point in the plane of the camera has no image: its pixel is infinite or NaN, and its depth is 0.
         """
         in_camera = self.transform(points)
         homogeneous = in_camera @ self.intrinsics.T
@@ -134,7 +134,7 @@ class Camera:
         return torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
 
     def _inverse_intrinsics(self) -> Float[Tensor, "3 3"]:
-        """Pixels to camera axes. `inv` would have the host wait for CUDA to say that the matrix is regular."""
+        """Pixels to camera axes. `inv` would make the host wait for CUDA to check that the matrix is invertible."""
         return torch.linalg.inv_ex(self.intrinsics).inverse
 
     def footprint(self, depth: float) -> float:
@@ -143,12 +143,12 @@ class Camera:
         return depth / float(focal)
 
     def resized(self, width: int, height: int) -> "Camera":
-        """The same view sampled with another number of pixels."""
+        """The same view with another number of pixels."""
         scale = torch.diag(self.intrinsics.new_tensor([width / self.width, height / self.height, 1.0]))
         return replace(self, intrinsics=scale @ self.intrinsics, width=width, height=height)
 
     def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
-        """The part of the view that begins `left` and `top` pixels in: the same rays through the same pixels."""
+        """The part of the view that starts `left` and `top` pixels in, with the same rays through the same pixels."""
         shift = torch.zeros_like(self.intrinsics)
         shift[0, 2], shift[1, 2] = left, top
         return replace(self, intrinsics=self.intrinsics - shift, width=width, height=height)

@@ -1,4 +1,4 @@
-"""Signed distance sampled on a grid once, then read trilinearly: cheap enough for every training step."""
+"""Signed distance sampled once on a grid, then interpolated trilinearly: cheap enough for every training step."""
 
 import functools
 import math
@@ -46,31 +46,31 @@ class SignedDistanceGrid:
         return cls(values.reshape(z.shape), lower, spacing)
 
     def __call__(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-        """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest place in it."""
+        """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest point in it."""
         return _Trilinear.apply(points.reshape(-1, 3), self).reshape(points.shape[:-1])
 
     @functools.cached_property
     def _corner(self) -> wp.vec3:
-        """`lower` as kernels take it, read from the device once and not at every call."""
+        """`lower` in the form that kernels take, read from the device only once."""
         return wp.vec3(*self.lower.tolist())
 
     @property
     def largest_error(self) -> float:
         """Bound in metres of the interpolation error inside the grid: half a cell's diagonal.
 
-        Distances change no faster than places do.
+        Distances change no faster than positions.
         """
         return 0.5 * math.sqrt(3) * self.spacing
 
     def with_outward(
         self, points: Float[Tensor, "*batch 3"]
     ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch 3"]]:
-        """Signed distance (metres) and the unit direction in which it grows, those of the nearest place in the grid.
+        """Signed distance (metres) and the unit direction in which it grows, at the nearest point in the grid.
 
-        No gradient passes.
+        There is no gradient.
         """
         last = self.spacing * (self.lower.new_tensor(self.values.shape[::-1]) - 1)
-        # A hair inside: on the border itself slopes vanish.
+        # Slightly inside, because slopes vanish on the border itself.
         hair = 1e-3 * self.spacing
         within = torch.minimum(torch.maximum(points, self.lower + hair), self.lower + last - hair).reshape(-1, 3)
         value, slope = _value_and_slope(self, within)
@@ -82,7 +82,7 @@ class SignedDistanceGrid:
 
 
 class _Trilinear(torch.autograd.Function):
-    """Reads value and slope in one pass; the slope is the whole backward pass."""
+    """Reads value and slope in one pass; the slope is all that the backward pass needs."""
 
     @staticmethod
     def forward(ctx: Any, points: Tensor, grid: SignedDistanceGrid) -> Tensor:

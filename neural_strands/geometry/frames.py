@@ -10,7 +10,7 @@ def orthonormal_frames(
 ) -> Float[Tensor, "*batch 3 3"]:
     """Frames whose columns are tangent, bitangent, normal; right-handed (T x B = N).
 
-    The normal is kept, the tangent is made orthogonal to it (Gram-Schmidt). A tangent parallel to its normal, or
+    The normal is kept and the tangent is made orthogonal to it (Gram-Schmidt). A tangent parallel to its normal, or
     zero, is replaced by the world axis least aligned with the normal.
     """
     normal = torch.nn.functional.normalize(normals, dim=-1)

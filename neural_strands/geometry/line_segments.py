@@ -1,4 +1,4 @@
-"""Line segments: what multi-view stereo sees of the hair, without roots ("partial strands" in the paper)."""
+"""Line segments: the hair as multi-view stereo finds it, without roots ("partial strands" in the paper)."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from torch import Tensor
 class LineSegments:
     """Chains of oriented points in world metres.
 
-    Points of one segment follow each other, ordered along its direction of growth once growth is known.
+    Points of one segment are consecutive, and ordered along its direction of growth once that is known.
 
     Attributes:
         points: positions.
@@ -34,7 +34,7 @@ class LineSegments:
         return int(self.segment_id[-1]) + 1 if len(self) else 0
 
     def select(self, keep: Tensor) -> "LineSegments":
-        """Keep the points that a boolean or integer index names; ids are renumbered without gaps."""
+        """Keep the points selected by a boolean or integer index; ids are renumbered without gaps."""
         kept_id = self.segment_id[keep]
         _, renumbered = torch.unique_consecutive(kept_id, return_inverse=True)
         return replace(

@@ -42,7 +42,7 @@ def face_areas(mesh: Mesh) -> Float[Tensor, " face"]:
 
 
 def vertex_normals(mesh: Mesh) -> Float[Tensor, "vertex 3"]:
-    """Unit normals averaged over the faces about each vertex, weighted by area."""
+    """Unit normals averaged over the faces around each vertex, weighted by area."""
     total = torch.zeros_like(mesh.vertices)
     area_vectors = _area_vectors(mesh)
     for corner in range(3):

@@ -33,12 +33,12 @@ class MeshIndex:
     """A bounding volume hierarchy over a mesh, built once and queried many times (float32)."""
 
     def __init__(self, mesh: Mesh, winding_number: bool = False) -> None:
-        """Build over `mesh`, on its device; `winding_number` keeps what signs need."""
+        """Build for `mesh`, on its device; `winding_number` also prepares signs."""
         if len(mesh.faces) == 0:
             raise ValueError("a mesh index needs at least one face")
         self.mesh = mesh
         kernels.start_warp()
-        # The arrays are kept: Warp's mesh holds their memory by address.
+        # The arrays are kept alive, because Warp's mesh refers to their memory by address.
         self._vertices = kernels.array(mesh.vertices.float(), wp.vec3)
         self._faces = kernels.array(mesh.faces.int().reshape(-1), wp.int32)
         self._box = [wp.vec3(*bound.tolist()) for bound in (mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0))]
@@ -105,7 +105,7 @@ def _closest_on_triangles(
 ) -> Float[Tensor, "point face 3"]:
     """Barycentric weights of the point of each triangle closest to each point.
 
-    The best of the plane's foot (where it lies inside) and the three edges.
+    The closest of the projection onto the plane (if it lies inside) and the three edges.
     """
     pairs = torch.broadcast_shapes(points.shape[:2], corners.shape[:2])
     inside = barycentric_coordinates(points.expand(*pairs, 3), corners.expand(*pairs, 3, 3))

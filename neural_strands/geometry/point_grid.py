@@ -1,8 +1,8 @@
 """A grid of points sorted by cell, for searches within a radius (Warp, CPU and CUDA).
 
-Rows of cells along x are hashed by their y and z into a table; the cells of one row stay next to each other, so a
-search reads one stretch of sorted points a row. Rows of different places that share a stretch only cost extra
-candidates: every candidate's distance is computed.
+Rows of cells along x are hashed by their y and z into a table. The cells of one row stay adjacent, so a search reads
+one run of sorted points per row. Different rows that collide only cost extra candidates, because the distance of every
+candidate is computed.
 """
 
 import math
@@ -17,7 +17,7 @@ from neural_strands.foundation.kernels import array, launch
 from neural_strands.geometry.kernels.point_queries import count_points, place_points
 
 LARGEST_CELLS = 2**20
-"""Most cells along one axis; beyond it the cells grow, and searches slow down but stay right."""
+"""Largest number of cells along one axis; beyond it cells grow, and searches are slower but still exact."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PointGrid:
     Attributes:
         points: positions sorted by cell, metres.
         order: index of each sorted point in the tensor that the grid was built from.
-        starts: where each cell's points begin in the sorted order, and the number of points at the end.
+        starts: start of each cell's points in the sorted order, followed by the number of points.
         lower: smallest coordinates of the points, metres.
         cells: number of cells along x, y and z.
         cell: edge of a cell, metres.
@@ -48,7 +48,7 @@ class PointGrid:
 
         Args:
             points: positions, metres.
-            radius: the usual reach of a search, metres; any other reach gives right answers too.
+            radius: usual radius of a search, metres; searches with another radius are also exact.
             cell: edge of a cell in metres; by default the mean distance between points if they filled their box, but
                 between an eighth of the radius and the radius (measured fastest on grooms, 2 to 10 mm).
 
@@ -56,7 +56,7 @@ class PointGrid:
             ValueError: a coordinate is not finite, or a size is not positive.
         """
         if not radius > 0 or (cell is not None and not cell > 0):
-            raise ValueError(f"expected a positive radius and cell, came {radius} and {cell}")
+            raise ValueError(f"expected a positive radius and cell, found {radius} and {cell}")
         points = points.detach().float().contiguous()
         count, device = len(points), points.device
         if count == 0:
@@ -65,7 +65,7 @@ class PointGrid:
         low, high = torch.aminmax(points, dim=0)
         lower, upper = low.tolist(), high.tolist()
         if not all(math.isfinite(value) for value in (*lower, *upper)):
-            raise ValueError("expected finite points, came some that are not")
+            raise ValueError("expected finite points, found some that are not")
         extent = [b - a for a, b in zip(lower, upper, strict=True)]
         if cell is None:
             cell = min(max(math.cbrt(math.prod(extent) / count), radius / 8), radius)
@@ -89,10 +89,10 @@ class PointGrid:
         return self.points.shape[0]
 
     def sorted_values(self, values: Tensor) -> Tensor:
-        """Values given a point (in the order of the points that the grid was built from), in the sorted order."""
+        """Values per point, reordered from the order of the original points to the sorted order."""
         return values[self.order.long()].contiguous()
 
     def kernel_inputs(self) -> list:
-        """What every search kernel takes of the grid, in this order: points, starts, lower, cells, cell, mask."""
+        """The inputs of every search kernel, in this order: points, starts, lower, cells, cell, mask."""
         cells = wp.vec3i(*self.cells)
         return [array(self.points, wp.vec3), array(self.starts), wp.vec3(*self.lower), cells, self.cell, self.mask]

@@ -1,6 +1,6 @@
 """Nearest neighbours within a radius, and matches within a distance and an angle, for millions of points.
 
-Each search has a plain torch twin of the same signature (`*_reference`), quadratic and slow, that tests hold it to.
+Each search has a plain torch twin of the same signature (`*_reference`), quadratic and slow, for tests.
 """
 
 import itertools
@@ -17,7 +17,7 @@ from neural_strands.geometry.kernels.point_queries import MOST_LEVELS, LevelVect
 from neural_strands.geometry.point_grid import PointGrid
 
 TWIN_CHUNK = 256
-"""Queries that the quadratic twins compare with all points at once."""
+"""Queries that the quadratic twins compare with all points in one block."""
 
 
 def nearest(
@@ -25,7 +25,7 @@ def nearest(
 ) -> tuple[Float[Tensor, " query"], Int64[Tensor, " query"]]:
     """Distance to and index of the point nearest to each query, within `radius` metres.
 
-    Nothing is differentiable here: gather the points by index to differentiate the distance. Of points equally near,
+    Nothing here is differentiable; gather the points by index to differentiate the distance. Among equally near points
     the lowest index is returned. A query that is not finite finds nothing.
 
     Args:
@@ -69,21 +69,20 @@ def match_levels(
     point_directions: Float[Tensor, "point 3"],
     thresholds: Sequence[tuple[float, float]],
 ) -> tuple[Int32[Tensor, " query"], Int32[Tensor, " query"]]:
-    """The strictest threshold at which each query has a match: a point near enough whose direction deviates little.
+    """The strictest threshold at which each query has a match: a near point whose direction deviates little.
 
     Args:
         queries: positions, metres.
         query_directions: unit vectors.
         points: positions, metres, or a grid of them.
         point_directions: unit vectors, in the order of the points that a grid was built from.
-        thresholds: (radius in metres, largest angle in radians) from strict to lax, neither ever falling.
+        thresholds: (radius in metres, largest angle in radians) from strict to lax; neither may decrease.
 
     Returns:
-        Two indices a query, `len(thresholds)` where nothing matches: directions taken as lines (unsigned), then as
-        arrows (signed).
+        Two indices per query, `len(thresholds)` if nothing matches: with unsigned and with signed directions.
 
     Raises:
-        ValueError: the thresholds do not grow, or are more than eight.
+        ValueError: the thresholds do not grow, or there are more than eight.
     """
     _check_thresholds(thresholds)
     grid = points if isinstance(points, PointGrid) else PointGrid.build(points, thresholds[-1][0])
@@ -138,7 +137,7 @@ def any_within(
 ) -> Bool[Tensor, " query"]:
     """Whether each query has a point within `radius` metres whose direction deviates by at most `max_angle` radians.
 
-    See `match_levels`; `signed` tells a direction from its opposite.
+    See `match_levels`; `signed` distinguishes a direction from its opposite.
     """
     levels = match_levels(queries, query_directions, points, point_directions, [(radius, max_angle)])
     return levels[int(signed)] == 0
@@ -147,4 +146,4 @@ def any_within(
 def _check_thresholds(thresholds: Sequence[tuple[float, float]]) -> None:
     growing = all(a[0] <= b[0] and a[1] <= b[1] for a, b in itertools.pairwise(thresholds))
     if not 0 < len(thresholds) <= MOST_LEVELS or not growing or thresholds[0][0] <= 0:
-        raise ValueError(f"expected 1 to {MOST_LEVELS} growing (radius, angle) thresholds, came {list(thresholds)}")
+        raise ValueError(f"expected 1 to {MOST_LEVELS} growing (radius, angle) thresholds, found {list(thresholds)}")

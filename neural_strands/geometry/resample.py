@@ -10,9 +10,9 @@ from neural_strands.geometry.strands import segments
 MINIMUM_STEP = 1e-9
 """Chord (metres) added to every segment so that repeated points keep a strictly increasing parameter."""
 SUBSTEPS = 16
-"""Chords by which the arc length of each segment of a spline is measured."""
+"""Number of chords that measure the arc length of each segment of a spline."""
 BLOCK = 4096
-"""Strands resampled at once: bounds the memory."""
+"""Strands resampled together; bounds memory."""
 
 
 def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
@@ -54,12 +54,12 @@ def resample_strands(points: Float[Tensor, "strand point 3"], count: int) -> Flo
 def resample_ragged(
     vertices: Float[Tensor, "vertex 3"], offsets: Int64[Tensor, " strands_plus_one"], count: int
 ) -> Float[Tensor, "strand {count} 3"]:
-    """Resample polylines of differing point counts to `count` points each (see `resample_strands`).
+    """Resample polylines with different numbers of points to `count` points each (see `resample_strands`).
 
     Args:
         vertices: the points of all strands, one strand after the other.
-        offsets: where each strand starts, and the total at the end.
-        count: points a strand wanted.
+        offsets: start of each strand, followed by the total number of points.
+        count: points per strand in the result.
 
     Raises:
         ValueError: fewer than two points in or out.
@@ -67,7 +67,7 @@ def resample_ragged(
     sizes = offsets[1:] - offsets[:-1]
     if len(sizes) == 0:
         return vertices.new_zeros(0, count, 3)
-    # Strands of like size share a block, so that little is padded.
+    # Strands of similar size share a block, so that there is little padding.
     order = torch.argsort(sizes)
     parts = []
     for chosen in order.split(BLOCK):
@@ -93,7 +93,7 @@ def _resample_padded(
 def _resample_block(
     points: Float[Tensor, "strand point 3"], sizes: Int64[Tensor, " strand"], count: int
 ) -> Float[Tensor, "strand {count} 3"]:
-    """Points on the spline at equal steps of its arc length, which is measured on SUBSTEPS chords a segment."""
+    """Points on the spline at equal steps of its arc length, which is measured on SUBSTEPS chords per segment."""
     strands, size, _ = points.shape
     splines = fit_splines(points, sizes)
     position = torch.arange((size - 1) * SUBSTEPS + 1, dtype=points.dtype, device=points.device) / SUBSTEPS

@@ -1,7 +1,7 @@
 """Signed distance to a head: negative inside, by the generalised winding number, so that open busts work too.
 
-The sign is that of the winding number at one half (Jacobson et al. 2013): a bust without a bottom is closed, as it
-were, by the surface on which the number is one half, far from the hair.
+A point is inside if its winding number exceeds one half (Jacobson et al. 2013). This closes a bust without a bottom
+along the surface on which the number is one half, far from the hair.
 """
 
 import math
@@ -16,7 +16,7 @@ from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.mesh_queries import MeshIndex, closest_points_reference
 
 ON_SURFACE = 1e-7
-"""Metres from the surface below which the face's own normal stands for the gradient."""
+"""Distance from the surface, metres, below which the face's normal is used as the gradient."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class SignedDistance:
     """Distances to a surface.
 
     Attributes:
-        distance: metres, negative inside; differentiable where `points` asked for it.
+        distance: metres, negative inside; differentiable if `points` requires a gradient.
         closest: the closest surface point, metres.
         normal: unit gradient of the distance, pointing outwards.
     """
@@ -35,7 +35,7 @@ class SignedDistance:
 
 
 class SignedDistanceIndex:
-    """A mesh made ready for many signed distance queries."""
+    """A mesh prepared for many signed distance queries."""
 
     def __init__(self, mesh: Mesh) -> None:
         """Build the hierarchy on the mesh's device."""
@@ -83,5 +83,5 @@ def _signed(
     with torch.no_grad():
         gap = offset.norm(dim=-1, keepdim=True)
         outward = torch.where(gap > ON_SURFACE, sign[:, None] * offset / gap.clamp(min=ON_SURFACE), surface_normals)
-    # The closest point moves at right angles to the offset, so the unit direction is the whole gradient.
+    # The closest point moves perpendicular to the offset, so the unit direction is the gradient.
     return SignedDistance((offset * outward.to(points)).sum(-1), closest, outward.to(points))

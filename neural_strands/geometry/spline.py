@@ -16,7 +16,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 SMALLEST_CHORD = 1e-6
-"""Chords below this share of a strand's mean chord count as this long, so that repeated points keep knots apart."""
+"""Smallest chord as a share of a strand's mean chord, so that repeated points have distinct knots."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Splines:
     """Cubic splines of strands padded to the same number of points.
 
     Attributes:
-        knots: parameters of the points; beyond a strand's last point they go on rising and are not used.
-        points: the points; beyond the last one they repeat it.
+        knots: parameters of the points; they keep rising beyond a strand's last point and are not used there.
+        points: the points, padded by repeating the last one.
         curvature: second derivatives by the parameter at the points.
         sizes: points of each strand, at least two.
     """
@@ -68,8 +68,8 @@ def _second_derivatives(
 ) -> Float[Tensor, "strand point 3"]:
     """Solve h_{i-1} M_{i-1} + 2 (h_{i-1} + h_i) M_i + h_i M_{i+1} = 6 (s_i - s_{i-1}), s the slopes.
 
-    M_0 = M_1 and M_{n-1} = M_{n-2} are folded into the first and last inner row, which leaves a tridiagonal system
-    with a dominant diagonal: elimination without pivots is stable. Rows beyond a strand's last inner point give 0.
+    M_0 = M_1 and M_{n-1} = M_{n-2} are folded into the first and last inner row, which leaves a tridiagonal system with
+    a dominant diagonal: elimination without pivots is stable. Rows beyond a strand's last inner point are 0.
     """
     count = points.shape[1]
     if count < 3:

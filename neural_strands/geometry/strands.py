@@ -14,7 +14,7 @@ class Strands:
 
     Attributes:
         points: polylines, root first.
-        root_uv: where each root lies on the scalp chart, in [0, 1].
+        root_uv: position of each root on the scalp chart, in [0, 1].
         root_normal: outward unit normal of the scalp at each root.
         width: full thickness at each point, metres.
         color: linear RGB of each strand in [0, 1].
@@ -37,7 +37,7 @@ class Strands:
         return self.points.shape[1]
 
     def select(self, index: Tensor) -> "Strands":
-        """Keep the strands that `index` (integers or booleans) names, with their attributes."""
+        """Keep the strands selected by `index` (integers or booleans), with their attributes."""
         return self._changed(lambda value: value[index])
 
     def to(self, device: torch.device | str) -> "Strands":
@@ -45,7 +45,7 @@ class Strands:
         return self._changed(lambda value: value.to(device))
 
     def _changed(self, change: Callable[[Tensor], Tensor]) -> "Strands":
-        """Apply `change` to every tensor that is there."""
+        """Apply `change` to every tensor that is present."""
         present = {field.name: value for field in fields(self) if (value := getattr(self, field.name)) is not None}
         return replace(self, **{name: change(value) for name, value in present.items()})
 

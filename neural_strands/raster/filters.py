@@ -1,6 +1,6 @@
 """Low-pass filters by the Kaiser window method, for resampling and for filtered activations.
 
-Frequencies are in cycles a sample of the grid that the filter runs on, so 0.5 is that grid's Nyquist frequency.
+Frequencies are in cycles per sample of the grid that the filter runs on, so 0.5 is that grid's Nyquist frequency.
 Source: Kaiser 1974 by way of the StyleGAN3 paper (Karras et al. 2021), appendix C.1, equations for h_K, A and alpha.
 """
 
@@ -18,13 +18,13 @@ class LowPass:
     """A symmetric low-pass filter that runs on the finer of two grids, `factor` times as dense as the coarser."""
 
     taps: int = 12
-    """Number of coefficients, even: the two grids have their samples half a fine sample apart."""
+    """Number of coefficients; even, because the samples of the two grids are half a fine sample apart."""
     factor: int = 2
-    """Fine samples a coarse sample."""
+    """Fine samples per coarse sample."""
     cutoff: float = 0.45
-    """Frequency of half amplitude, cycles a coarse sample; 0.5 is the coarse grid's Nyquist frequency."""
+    """Frequency of half amplitude, cycles per coarse sample; 0.5 is the coarse grid's Nyquist frequency."""
     transition: float = 0.3
-    """Full width of the band from pass to stop, cycles a coarse sample."""
+    """Full width of the transition band, cycles per coarse sample."""
 
     def __post_init__(self) -> None:
         if self.taps < 2 or self.taps % 2 or self.factor < 1 or self.cutoff <= 0 or self.transition <= 0:
@@ -40,8 +40,8 @@ def kaiser_lowpass(taps: int, cutoff: float, transition: float) -> Float[Tensor,
 
     Args:
         taps: number of coefficients.
-        cutoff: frequency of half amplitude f_c, cycles a sample.
-        transition: full width of the transition band, cycles a sample; sets the window's side lobes.
+        cutoff: frequency of half amplitude f_c, cycles per sample.
+        transition: full width of the transition band, cycles per sample; determines the side lobes of the window.
     """
     position = np.arange(taps) - (taps - 1) / 2
     window = np.kaiser(taps, kaiser_shape(kaiser_attenuation(taps, transition)))
@@ -50,7 +50,7 @@ def kaiser_lowpass(taps: int, cutoff: float, transition: float) -> Float[Tensor,
 
 
 def kaiser_attenuation(taps: int, transition: float) -> float:
-    """Stop-band attenuation in dB that a window of this length reaches: A = 2.285 (n - 1) 2 pi df + 7.95."""
+    """Stop-band attenuation in dB of a window of this length: A = 2.285 (n - 1) 2 pi df + 7.95."""
     return 2.285 * (taps - 1) * 2 * math.pi * transition + 7.95
 
 
@@ -66,6 +66,6 @@ def kaiser_shape(attenuation: float) -> float:
 def frequency_response(
     coefficients: Float[Tensor, " tap"], frequency: Float[Tensor, " frequency"]
 ) -> Float[Tensor, " frequency"]:
-    """Amplitude of a symmetric filter at some frequencies (cycles a sample)."""
+    """Amplitude of a symmetric filter at given frequencies (cycles per sample)."""
     position = torch.arange(len(coefficients), dtype=coefficients.dtype) - (len(coefficients) - 1) / 2
     return torch.cos(2 * math.pi * frequency[:, None] * position) @ coefficients

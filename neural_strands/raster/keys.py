@@ -1,7 +1,7 @@
-"""Depth keys: 64 bits a pixel, the depth's float bits above, the primitive's index below.
+"""Depth keys: 64 bits per pixel, with the depth's float bits above and the primitive's index below.
 
-The bits of positive floats are ordered as the floats are, so the minimum of keys is the nearest primitive (of two at
-one depth, the one of lower index): the same in whatever order it is taken.
+The bits of positive floats are ordered like the floats, so the minimum of keys is the nearest primitive (of two at the
+same depth, the one with the lower index), in whatever order the minimum is taken.
 """
 
 import torch
@@ -9,16 +9,16 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 NO_PRIMITIVE = 0xFFFFFFFF
-"""Index bits of a pixel that nothing has been drawn to."""
+"""Index bits of a pixel to which nothing has been drawn."""
 
 
 def background_keys(depth: Float[Tensor, "height width"]) -> Int64[Tensor, "height width"]:
-    """Keys that only primitives nearer than `depth` can beat (metres, at least 0; infinite where there is nothing)."""
+    """Keys that only primitives nearer than `depth` replace (metres, at least 0; infinite where there is nothing)."""
     return (depth.float().contiguous().view(torch.int32).long() << 32) | NO_PRIMITIVE
 
 
 def empty_keys(height: int, width: int, device: torch.device) -> Int64[Tensor, "height width"]:
-    """Keys that any primitive beats."""
+    """Keys that any primitive replaces."""
     return torch.full((height, width), (0x7F800000 << 32) | NO_PRIMITIVE, dtype=torch.int64, device=device)
 
 

@@ -3,10 +3,10 @@
 The line rule. A projected segment is stepped along its major axis (x where |dx| >= |dy|): a pixel column whose centre
 lies in the half-open span of the segment gets one pixel, the row that the line crosses there. So a line is one pixel
 wide, a centre shared by two consecutive segments is drawn once, and the visible point lies exactly on its line, within
-its pixel, at the centre along the major axis. Strands given a width cover, of each column or row, the pixels whose
-centres lie within it: none where they are much thinner than a pixel and miss all centres, so that the number of
-pixels that a strand covers is right on average. Segments that reach behind the near plane are cut there. A segment with
-an end that is NaN or infinite is not drawn.
+its pixel, at the centre along the major axis. Strands with a width cover the pixels of each column or row whose centres
+lie within that width. A strand much thinner than a pixel may miss all centres, so the number of pixels that it covers
+is right on average. Segments that reach behind the near plane are cut there. A segment with an end that is NaN or
+infinite is not drawn.
 """
 
 import functools
@@ -24,8 +24,8 @@ from neural_strands.raster.kernels import line_batches as line_batch_kernel
 from neural_strands.raster.kernels import lines as line_kernels
 
 SEGMENTS_PER_THREAD = 4
-"""Consecutive segments that one CUDA thread draws; on the CPU one item is a whole strand, by a kernel of its own where
-strands have no width."""
+"""Consecutive segments that one CUDA thread draws. On the CPU one item is a whole strand, and strands without width
+have a kernel of their own."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class LineConfig:
     near: float = 0.01
     """Distance of the near plane from the camera, metres."""
     occluder_bias: float = 0.002
-    """How far behind an occluder's surface hair still shows, metres: hair that lies on the skin must not flicker."""
+    """How far behind an occluder's surface hair still shows, metres, so that hair on the skin does not flicker."""
     width: float = 0.0
-    """How wide strands are, metres; 0 draws them one pixel wide, near or far."""
+    """Width of strands, metres; 0 draws them one pixel wide at any distance."""
     tip: float = 0.0
-    """Share of a strand, at its end, over which it thins to nothing; of no effect on lines one pixel wide."""
+    """Share of a strand, at its tip, over which it thins to nothing; no effect on lines one pixel wide."""
 
 
 DEFAULT_LINES = LineConfig()
@@ -50,7 +50,7 @@ class LineBuffer:
     """What each pixel sees of the strands.
 
     Attributes:
-        segment: global segment index, strand * (points - 1) + k for the segment from point k to k + 1; -1 where none.
+        segment: global segment index, strand * (points - 1) + k for the segment from point k to k + 1; -1 for none.
         position: where on that segment, from 0 at point k to 1 at point k + 1, perspective-correct; 0 where none.
         depth: metres along the optical axis; infinite where none.
     """
@@ -68,7 +68,7 @@ def rasterise_lines(
 ) -> LineBuffer:
     """Find the nearest strand point of each pixel; the same result on every run.
 
-    No gradient passes: `visible.visible_points` takes the buffer and gives points that have one.
+    There is no gradient; `visible.visible_points` turns the buffer into points that have one.
 
     Args:
         points: strands in world metres; there may be none.
@@ -77,7 +77,7 @@ def rasterise_lines(
         config: near plane, bias and width.
 
     Raises:
-        ValueError: strands of one point, or an occluder of another size than the camera.
+        ValueError: strands have a single point, or the occluder and the camera differ in size.
     """
     strands, per_strand = _checked_sizes(points, camera, occluder_depth)
     height, width, device = camera.height, camera.width, points.device
@@ -113,7 +113,7 @@ def projection_matrix(camera: Camera, device: torch.device) -> Float32[Tensor, "
 
 
 def _planes(strands: int, device: torch.device) -> int:
-    """Threads that draw, each into keys of its own."""
+    """Number of threads that draw, each into its own keys."""
     return max(min(torch.get_num_threads(), strands), 1) if device.type == "cpu" else 1
 
 
@@ -126,7 +126,7 @@ def _draw(
     width: int,
     config: LineConfig,
 ) -> None:
-    """Draw one share of the strands into its plane of keys."""
+    """Draw one share of the strands into its own plane of keys."""
     device, pixels, per_strand = planes.device, planes.shape[1], shared[-1]
     keys, size = kernels.array(planes[share]), [width, pixels // width]
     kernels.launch(key_kernels.start_keys, pixels, [*hidden_by, keys], device)

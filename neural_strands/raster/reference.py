@@ -1,4 +1,4 @@
-"""Plain torch twins of the kernels: slow, short, and what the kernels are held to."""
+"""Plain torch twins of the kernels: slow and short; the kernels are tested against them."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -10,7 +10,7 @@ from neural_strands.raster.lines import DEFAULT_LINES, LineBuffer, LineConfig
 from neural_strands.raster.triangles import NEAR, TriangleBuffer
 
 FACES_AT_ONCE = 256
-"""Faces tested against all pixels at a time."""
+"""Faces tested against all pixels at once."""
 
 
 def splat_reference(
@@ -21,14 +21,14 @@ def splat_reference(
     minimum_weight: float,
     amounts: Float[Tensor, " point"] | None = None,
 ) -> tuple[Float[Tensor, "cell channel"], Float[Tensor, " cell"]]:
-    """One level of the splat: weighted means and sums of weights of every pixel, row after row; differentiable.
+    """One level of the splat: weighted means and sums of weights of every pixel, row by row; differentiable.
 
     Args:
         pixels: x and y in pixels of the full image.
         features: what each point carries.
         size: height and width of this level.
-        scale: pixels of this level to one pixel of the full image.
-        minimum_weight: least divisor of the weighted mean.
+        scale: pixels of this level per pixel of the full image.
+        minimum_weight: smallest divisor of the weighted mean.
         amounts: how much each point counts, by default 1.
     """
     height, width = size
@@ -56,7 +56,7 @@ def rasterise_lines_reference(
     occluder_depth: Float[Tensor, "height width"] | None = None,
     config: LineConfig = DEFAULT_LINES,
 ) -> LineBuffer:
-    """Twin of `lines.rasterise_lines`: every pixel of every segment is listed, then the nearest is kept."""
+    """Twin of `lines.rasterise_lines`: list every pixel of every segment, then keep the nearest."""
     height, width = camera.height, camera.width
     keys = empty_keys(height, width, points.device)
     if occluder_depth is not None:
@@ -130,7 +130,7 @@ def _half_widths(
     camera: Camera,
     config: LineConfig,
 ) -> Float[Tensor, " n"]:
-    """Half the pixels that lines cover across their major axis, by LineConfig.width and tip."""
+    """Half the number of pixels that lines cover across their major axis, from LineConfig.width and tip."""
     if config.width <= 0:
         return torch.full_like(fraction, 0.5)
     step = (screen[index, 1, :2] - screen[index, 0, :2]).abs()
@@ -146,7 +146,7 @@ def _half_widths(
 def _pixels_across(
     minor: Float[Tensor, " n"], half: Float[Tensor, " n"]
 ) -> tuple[Int64[Tensor, " m"], Int64[Tensor, " m"]]:
-    """List the rows (or columns) whose centres lie within half a width of each crossing: which crossing, which row."""
+    """List the rows (or columns) whose centres lie within half a width of each crossing: crossing, row."""
     start, stop = (minor - half - 0.5).ceil().long(), (minor + half - 0.5).ceil().long()
     count = (stop - start).clamp(min=0)
     listed = torch.repeat_interleave(torch.arange(len(minor), device=minor.device), count)
@@ -157,7 +157,7 @@ def _pixels_across(
 def rasterise_triangles_reference(
     vertices: Float[Tensor, "vertex 3"], faces: Int64[Tensor, "face 3"], camera: Camera, near: float = NEAR
 ) -> TriangleBuffer:
-    """Twin of `triangles.rasterise_triangles`: every pixel's ray is met with every face (Moeller and Trumbore 1997)."""
+    """Twin of `triangles.rasterise_triangles`: every pixel's ray meets every face (Moeller and Trumbore 1997)."""
     height, width = camera.height, camera.width
     rays = camera.rays(camera.pixel_centres().view(-1, 2))
     forward = rays @ camera.rotation[2]

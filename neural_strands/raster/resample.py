@@ -1,7 +1,7 @@
 """Resampling by two and pointwise nonlinearities that keep their band limit (StyleGAN3 paper, section 3).
 
-Plain torch convolutions, one a channel and an axis, written for channels-last memory: the fast path on CPU and CUDA
-alike, and autograd's own backward pass. Grids are aligned by pixel areas: a coarse pixel covers `factor` fine ones.
+Plain torch convolutions, one per channel and axis, in channels-last memory: this is the fast path on CPU and CUDA, and
+autograd provides the backward pass. Grids are aligned by pixel areas: a coarse pixel covers `factor` fine ones.
 """
 
 import math
@@ -16,7 +16,7 @@ Resampled = Float[Tensor, "batch channel new_height new_width"]
 LEAKY_SLOPE = 0.2
 LEAKY_GAIN = math.sqrt(2.0)
 CLAMP = 256.0
-"""Activations are cut here: far outside anything a trained network makes, near enough for half precision."""
+"""Activations are clamped here: far outside the values of a trained network, but within half precision."""
 
 
 def upfirdn2d(
@@ -24,8 +24,8 @@ def upfirdn2d(
 ) -> Resampled:
     """Insert `up - 1` zeros after each sample, pad, convolve with `kernel` along both axes, keep every `down`-th.
 
-    The general operator, and the twin that the fast paths below are held to. The kernel is symmetric in all our uses
-    (convolution and correlation agree). `padding` is zeros before and after, on the upsampled grid.
+    The general operator, and the twin against which the fast paths below are tested. The kernel is symmetric in all our
+    uses (convolution and correlation agree). `padding` is zeros before and after, on the upsampled grid.
     """
     batch, channel, height, width = images.shape
     spread = images.new_zeros(batch, channel, height, up, width, up)
@@ -48,7 +48,7 @@ def downsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -
     """Low-pass and keep one pixel in `factor`; `kernel` (even taps, sum one) runs on the fine grid.
 
     Raises:
-        ValueError: a side that `factor` does not divide.
+        ValueError: a side is not a multiple of `factor`.
     """
     _, channel, height, width = images.shape
     if height % factor or width % factor:
@@ -60,16 +60,16 @@ def downsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -
 
 
 def leaky_relu(images: Images, bias: Float[Tensor, " channel"]) -> Images:
-    """Bias, leaky ReLU, gain that keeps the variance, clamp: pointwise, so its output is not band-limited."""
+    """Bias, leaky ReLU, variance-preserving gain and clamp; pointwise, so its output is not band-limited."""
     activated = F.leaky_relu(images + _per_channel(bias, images), LEAKY_SLOPE)
     return (activated * LEAKY_GAIN).clamp(-CLAMP, CLAMP)
 
 
 def filtered_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> Images:
-    """Leaky ReLU applied at twice the resolution, so that what it adds above the band limit can be filtered away.
+    """Leaky ReLU applied at twice the resolution, so that the frequencies it adds above the band limit can be removed.
 
-    `kernel` interpolates on the way up and removes the new frequencies on the way down. The gain rides on the second
-    pass and the clamp follows it: at twice the resolution a pointwise step costs as much as a filter.
+    `kernel` interpolates on the way up and removes the new frequencies on the way down. The gain is part of the second
+    pass and the clamp follows it, because at twice the resolution a pointwise step costs as much as a filter.
     """
     fine = upsample(images + _per_channel(bias, images), kernel)
     activated = F.leaky_relu(fine, LEAKY_SLOPE, inplace=True)
@@ -81,7 +81,7 @@ def _per_channel(bias: Float[Tensor, " channel"], images: Images) -> Float[Tenso
 
 
 def _alignment(kernel: Float[Tensor, " tap"], factor: int) -> int:
-    """Zeros before the first sample that centre the kernel on the coarse pixel: (taps - factor) / 2."""
+    """Number of zeros before the first sample that centres the kernel on the coarse pixel: (taps - factor) / 2."""
     extra = len(kernel) - factor
     if extra < 0 or extra % 2:
         raise ValueError(f"a kernel of {len(kernel)} taps cannot be centred on pixels {factor} times as wide")
@@ -89,7 +89,7 @@ def _alignment(kernel: Float[Tensor, " tap"], factor: int) -> int:
 
 
 def _axes(kernel: Float[Tensor, " tap"], images: Images) -> tuple[Tensor, Tensor]:
-    """The kernel as one vertical and one horizontal filter a channel, in the images' precision."""
+    """The kernel as one vertical and one horizontal filter per channel, in the precision of the images."""
     taps, channel = len(kernel), images.shape[1]
     per_channel = kernel.to(images).repeat(channel, 1)
     return per_channel.view(channel, 1, taps, 1), per_channel.view(channel, 1, 1, taps)

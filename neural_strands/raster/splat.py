@@ -1,9 +1,8 @@
 """Soft rasterisation: points splatted bilinearly to their neighbouring pixels (paper, "Differentiable Rasterization").
 
 At a pixel u the map is h_u = sum(w g) / sum(w) over the points that reach it, w being the bilinear weight times the
-point's amount (1 unless given). Where the
-sum of weights is below `minimum_weight` it divides by that instead: a point that barely touches a pixel fades in
-rather than filling it, and gradients stay bounded by 1 / minimum_weight.
+point's amount (1 unless given). Where the sum of weights is below `minimum_weight`, that is the divisor instead: a
+point that barely touches a pixel fades in rather than filling it, and gradients stay bounded by 1 / minimum_weight.
 """
 
 import functools
@@ -19,9 +18,9 @@ from neural_strands.raster.kernels import splats as splat_kernels
 from neural_strands.raster.reference import splat_reference
 
 MINIMUM_WEIGHT = 0.1
-"""Default least divisor of the weighted mean."""
+"""Default of the smallest divisor of the weighted mean."""
 QUAD = 4
-"""Channels that kernels handle together, and that one CUDA thread adds; on the CPU one item is a whole point."""
+"""Channels that kernels handle together and that one CUDA thread adds. On the CPU one item is a whole point."""
 
 
 class SplatMap(NamedTuple):
@@ -43,10 +42,11 @@ def splat(
     minimum_weight: float = MINIMUM_WEIGHT,
     amounts: Float[Tensor, " point"] | None = None,
 ) -> SplatMap:
-    """Splat points to an image, with gradients to where they are and to what they carry.
+    """Splat points to an image, with gradients to their positions and features.
 
     Args:
-        pixels: x and y in pixels, pixel centres at +0.5; points off the image are clipped to what reaches it.
+        pixels: x and y in pixels, pixel centres at +0.5; points outside contribute only the part that falls on the
+            image.
         features: what each point carries.
         size: height and width of the image.
         minimum_weight: least divisor of the weighted mean.
@@ -63,7 +63,7 @@ def splat_pyramid(
     minimum_weight: float = MINIMUM_WEIGHT,
     amounts: Float[Tensor, " point"] | None = None,
 ) -> list[SplatMap]:
-    """Splat points to an image and to its halvings, in one pass over one set of points.
+    """Splat points to an image and its successive halvings, in one pass over the points.
 
     Level l has ceil(height / 2^l) by ceil(width / 2^l) pixels, each 2^l pixels of the image wide.
     Tensors that are not float32 take the plain torch path.
@@ -82,7 +82,7 @@ def splat_pyramid(
 
 
 class _Splat(torch.autograd.Function):
-    """The splat by kernels: flat means and weights of every level, one after the other."""
+    """The splat by kernels: flat means and weights of all levels, one after the other."""
 
     @staticmethod
     def forward(
@@ -144,7 +144,7 @@ def _accumulate(
     sizes: list[tuple[int, int]],
     planes: list[tuple[Tensor, Tensor]],
 ) -> None:
-    """Sum weighted features and weights; on the CPU each thread owns a band of rows and passes over all points."""
+    """Sum weighted features and weights; on the CPU each thread has a band of rows and visits all points."""
     kernel, device = splat_kernels.accumulate, features.device
     kernels.load(kernel, device)
     on_gpu = device.type == "cuda"
@@ -164,7 +164,7 @@ def _accumulate(
 
 
 def _whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item padded"]:
-    """Zeros after the last channel, up to a multiple of four."""
+    """Pad with channels of zeros up to a multiple of four."""
     missing = -features.shape[1] % QUAD
     return torch.nn.functional.pad(features, (0, missing)) if missing else features
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 NEGLIGIBLE = 1e-6
-"""Frequencies that the blur damps below this are left out."""
+"""Frequencies that the blur attenuates below this are left out."""
 
 
 def sample_texture(
@@ -23,8 +23,8 @@ def sample_texture(
 
     Args:
         texture: texels; their gradient is blurred, the samples are not.
-        uv: where to sample, in [0, 1]; beyond, the border is repeated.
-        blur: standard deviation, in texels, of the Gaussian that blurs the gradient; 0 leaves it as it is.
+        uv: where to sample, in [0, 1]; the border is repeated beyond it.
+        blur: standard deviation, in texels, of the Gaussian that blurs the gradient; 0 leaves it unchanged.
     """
     return sample_bilinear(texture if blur <= 0 else blur_gradient(texture, blur), uv)
 
@@ -87,7 +87,7 @@ def _blur_factors(count: int, sigma: float, dtype: torch.dtype, device: torch.de
     frequency = math.pi * torch.arange(count, dtype=torch.float64) / count
     gain = torch.exp(sigma**2 * (torch.cos(frequency) - 1))
     kept = int((gain > NEGLIGIBLE).sum())
-    # Coarse to fine changes sigma at every step: the matrices are made where they are used.
+    # Coarse to fine changes sigma at every step, so the matrices are not cached.
     frequency, gain = frequency[:kept].to(device), gain[:kept].to(device)
     phase = frequency[:, None] * (torch.arange(count, dtype=torch.float64, device=device) + 0.5)
     cosines = torch.cos(phase) * math.sqrt(2.0 / count)

@@ -1,7 +1,7 @@
 """Rasterisation of triangle meshes: the face, barycentric coordinates and depth that each pixel's centre sees.
 
-Triangles are drawn from both sides. A pixel is inside where its three homogeneous barycentric coordinates are not
-negative, which needs no clipping polygon: parts nearer than the near plane are left out pixel by pixel.
+Triangles are drawn from both sides. A pixel is inside a triangle if its three homogeneous barycentric coordinates are
+not negative. This needs no clipping: parts nearer than the near plane are left out pixel by pixel.
 """
 
 import functools
@@ -19,14 +19,14 @@ from neural_strands.raster.keys import empty_keys
 from neural_strands.raster.lines import projection_matrix
 
 STRIPES = 16
-"""CUDA threads that share the rows of one face; on the CPU there is one."""
+"""Number of CUDA threads that share the rows of one face; one on the CPU."""
 NEAR = 0.01
 """Default distance of the near plane from the camera, metres."""
 
 
 @dataclass(frozen=True)
 class TriangleBuffer:
-    """What each pixel sees of a mesh.
+    """The mesh as each pixel sees it.
 
     Attributes:
         face: index of the nearest face, -1 where none.
@@ -42,7 +42,7 @@ class TriangleBuffer:
 def rasterise_triangles(
     vertices: Float[Tensor, "vertex 3"], faces: Int64[Tensor, "face 3"], camera: Camera, near: float = NEAR
 ) -> TriangleBuffer:
-    """Find the nearest face of each pixel; no gradient passes. Faces with a vertex that is not finite are not drawn.
+    """Find the nearest face of each pixel, without gradient. Faces with a vertex that is not finite are not drawn.
 
     Args:
         vertices: world metres; there may be none.
@@ -63,7 +63,7 @@ def rasterise_triangles(
     on_gpu = device.type == "cuda"
     bands, stripes = (1, STRIPES) if on_gpu else (torch.get_num_threads(), 1)
     bounds = [height * band // bands for band in range(bands + 1)]
-    # Each CPU thread owns a band of rows and passes over all faces.
+    # Each CPU thread has a band of rows and visits all faces.
     kernels.run_together(
         [
             functools.partial(

@@ -1,4 +1,4 @@
-"""Mitsuba, loaded when it is first needed."""
+"""Mitsuba, loaded on first use."""
 
 import importlib
 from types import ModuleType
@@ -9,10 +9,10 @@ from neural_strands.foundation.errors import InputError
 
 
 def load_mitsuba() -> ModuleType:
-    """Import Mitsuba and select its variant: CUDA where torch sees it, else the scalar one.
+    """Import Mitsuba and select its variant: CUDA if torch has it, otherwise scalar.
 
-    The LLVM variant is left alone: it depends on the LLVM library it finds and ends the process when that is too old.
-    Mitsuba holds one variant a thread; whoever else uses it in this process should select their own again.
+    The LLVM variant is not used: it depends on the LLVM library of the system and ends the process if that is too old.
+    Mitsuba keeps one variant per thread, so other users in this process should select theirs again.
 
     Raises:
         InputError: Mitsuba is not installed.

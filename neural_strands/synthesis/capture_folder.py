@@ -1,7 +1,7 @@
 """The folder of a synthetic capture: cameras, pictures, masks, head and ground truth, written piece by piece.
 
-transforms.json comes last, so a folder that has it is whole. synthesis.json comes first and says how the rest was made:
-a later run goes on only where it was made the same way.
+transforms.json is written last, so a folder that has it is complete. synthesis.json is written first and records the
+settings; a later run continues only with the same settings.
 """
 
 import json
@@ -25,11 +25,11 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
 
 UNIT = 1e-5
-"""Metres a step of the ground truth's 16-bit integers, unless the strands reach too far for it."""
+"""Metres per step of the ground truth's 16-bit integers, unless the strands extend too far for it."""
 SETTINGS = "synthesis.json"
 """The record of how a capture was made."""
 KINDS = ("images", "masks", "person_masks")
-"""The folders with one PNG a view: pictures, coverage of hair, coverage of hair and skin."""
+"""The folders with one PNG per view: pictures, coverage of hair, coverage of hair and skin."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class CaptureFolder:
     path: Path
 
     def begin(self, settings: dict[str, Any], overwrite: bool = False) -> None:
-        """Claim the folder for these settings, or go on in it where it was begun with the same.
+        """Claim the folder for these settings, or continue in it if it was started with the same settings.
 
-        With `overwrite` a capture with other settings is removed first; a folder of anything else never is.
+        With `overwrite`, a capture with other settings is removed first; a folder with anything else is never removed.
 
         Raises:
             InputError: the folder holds something else, or a capture with other settings.
@@ -79,7 +79,7 @@ class CaptureFolder:
             np.savez_compressed(path, strands=_integers(strands.points, unit), unit=np.float64(unit))
 
     def has_view(self, camera: Camera) -> bool:
-        """Whether the picture and both masks of a camera are there."""
+        """Whether the picture and both masks of a camera exist."""
         return all(path.exists() for path in self._view_files(camera))
 
     def write_view(
@@ -91,7 +91,7 @@ class CaptureFolder:
             _write_png(path, pixels)
 
     def finish(self, cameras: Sequence[Camera]) -> None:
-        """Write transforms.json: nerfstudio's, with OpenGL axes."""
+        """Write transforms.json in nerfstudio's format, with OpenGL axes."""
         first = cameras[0]
         frames = [
             {
@@ -109,7 +109,7 @@ class CaptureFolder:
         _write_json(self.path / "transforms.json", {**lens, "frames": frames})
 
     def _clear(self) -> None:
-        """Remove what an earlier capture left, its settings last, so that a stop in between can be mended."""
+        """Remove the files of an earlier capture, its settings last, so that an interrupted removal can be repeated."""
         for kind in KINDS:
             shutil.rmtree(self.path / kind, ignore_errors=True)
         for name in ("transforms.json", "head.obj", "scalp_faces.json", "ground_truth.npz", SETTINGS):
@@ -121,20 +121,20 @@ class CaptureFolder:
 
 
 def quantised(strands: Strands) -> Strands:
-    """The strands as ground truth will hold them: what is rendered and what is written are then the same."""
+    """The strands as the ground truth stores them, so that the same strands are rendered and written."""
     unit = unit_for(strands.points)
     points = (_integers(strands.points, unit) * np.float64(unit)).astype(np.float32)
     return replace(strands, points=torch.from_numpy(points))
 
 
 def unit_for(points: Float[Tensor, "strand point 3"]) -> float:
-    """Metres a step: UNIT, or what 16 bits need for strands further than 0.32 m from the origin."""
+    """Metres per step: UNIT, or more for strands further than 0.32 m from the origin, to fit in 16 bits."""
     reach = float(points.abs().max())
     return UNIT if reach <= UNIT * 32767 else float(np.float32(np.ceil(reach / 32767 / UNIT) * UNIT))
 
 
 def differences(earlier: dict[str, Any], later: dict[str, Any]) -> list[str]:
-    """What differs between two settings, each as "name: A there, B now"; digests only where nothing else does."""
+    """Differences between two settings, each as "name: A there, B now"; digests only if nothing else differs."""
     names = [name for name in {**earlier, **later} if earlier.get(name) != later.get(name)]
     names = [name for name in names if not name.endswith("_digest")] or names
     return [f"{name}: {earlier.get(name)} there, {later.get(name)} now" for name in names]

@@ -17,9 +17,9 @@ RISE = 0.3
 ROOMS = (CLEARANCE, 0.003, 0.007)
 """Heights above the skin (m) tried one after the other on strands that enter the head."""
 TORN = 4.0
-"""A segment this many times longer than its strand's median was torn apart by a correction."""
+"""A segment this many times longer than its strand's median has been torn apart by a correction."""
 SHORTEST = 1
-"""Points that a strand keeps beyond its root wherever it enters."""
+"""Points that a strand keeps beyond its root, wherever it enters the head."""
 ROUNDS = 4
 """Coarse corrections, each followed by an integration of the whole strand."""
 EXACT_ROUNDS = 3
@@ -31,8 +31,8 @@ def keep_outside(
 ) -> Float[Tensor, "strand point 3"]:
     """Move strands out of the head, points and segments alike; roots stay.
 
-    Strands that still cross a thin part (an ear) are led around it with more room, and where that fails too they end
-    before it. Arc lengths are kept up to the last fine correction.
+    Strands that still cross a thin part (an ear) are led around it with more room, and end before it if that fails too.
+    Arc lengths are kept up to the last fine correction.
     """
     index = SignedDistanceIndex(mesh)
     result = points.clone()
@@ -61,7 +61,7 @@ def integrate_again(
 def _pushed(
     points: Float[Tensor, "strand point 3"], room: float, grid: SignedDistanceGrid, index: SignedDistanceIndex
 ) -> Float[Tensor, "strand point 3"]:
-    """Points pushed to `room` metres above the skin by the grid, then to CLEARANCE at least by the triangles."""
+    """Points pushed to `room` metres above the skin by the grid, then to at least CLEARANCE by the triangles."""
     arc = torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
     result = points.clone()
     for _ in range(ROUNDS):
@@ -100,7 +100,7 @@ def _lift_exactly(
     grid: SignedDistanceGrid,
     index: SignedDistanceIndex,
 ) -> None:
-    """Lift points that lie too low above the triangles, in place; only those that the grid cannot clear are asked."""
+    """Lift points that lie too low above the triangles, in place; only points that the grid cannot clear are tested."""
     doubtful = grid(points) < grid.largest_error + wanted
     doubtful[:, 0] = False
     which = torch.nonzero(doubtful)

@@ -1,4 +1,4 @@
-"""Which way hair is combed at its root: away from a parting in front, around a whorl at the crown."""
+"""The direction in which hair is combed at its root: away from a parting in front, around a whorl at the crown."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ PARTING_REACH = 0.05
 
 @dataclass(frozen=True)
 class ScalpFrame:
-    """The scalp's place in the world (y up, +z out of the face).
+    """Position and size of the scalp in the world (y up, +z out of the face).
 
     Attributes:
         centre: middle of its bounding box, in metres.
@@ -44,7 +44,7 @@ class ScalpFrame:
         return cls(centre, (high - low) / 2, whorl)
 
     def height(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-        """Where points lie between the scalp's lowest (0) and highest (1) point."""
+        """Height of points between the lowest (0) and the highest (1) point of the scalp."""
         return ((points[..., 1] - self.centre[1]) / (2 * self.half_size[1]) + 0.5).clamp(0.0, 1.0)
 
 
@@ -74,6 +74,6 @@ def comb_directions(
 
 
 def _along(vectors: Float[Tensor, "root 3"], normals: Float[Tensor, "root 3"]) -> Float[Tensor, "root 3"]:
-    """Unit parts of vectors along the surface."""
+    """Normalised tangential parts of vectors."""
     tangential = vectors - (vectors * normals).sum(dim=-1, keepdim=True) * normals
     return torch.nn.functional.normalize(tangential, dim=-1)

@@ -1,4 +1,4 @@
-"""What makes smooth strands look like hair: locks, waves and coils, frizz, flyaways."""
+"""Detail that makes smooth strands look like hair: locks, waves and coils, frizz, flyaways."""
 
 import math
 
@@ -13,9 +13,9 @@ from neural_strands.geometry.strands import directions, segments
 from neural_strands.synthesis.styles import Style
 
 FRIZZ_MODES = 4
-"""Sine waves that make up one strand's own deviation."""
+"""Number of sine waves in the deviation of a single strand."""
 FLYAWAY_GAIN = 5.0
-"""How much further than the rest a flyaway strand deviates."""
+"""How many times further than the others a flyaway strand deviates."""
 
 
 def add_detail(
@@ -41,7 +41,7 @@ def add_detail(
 def assign_locks(
     roots: Float[Tensor, "strand 3"], spacing: float, generator: torch.Generator
 ) -> Int64[Tensor, " strand"]:
-    """The strand that leads each strand's lock: the nearest of leaders that stand about `spacing` metres apart."""
+    """The strand that leads each strand's lock: the nearest of the leaders, which are about `spacing` metres apart."""
     order = torch.randperm(len(roots), generator=generator, device=generator.device).cpu().numpy()
     places = roots.detach().cpu().numpy()
     cells = np.floor(places / (1.2 * spacing)).astype(np.int64)
@@ -58,7 +58,7 @@ def gather_locks(
 ) -> Float[Tensor, "strand point 3"]:
     """Draw strands towards their leader, not at all at the root and by `tightness` at the tip.
 
-    The leader is compared at equal arc length where it is long enough, so that unequal strands stay parallel.
+    The leader is taken at equal arc length where it is long enough, so that strands of unequal length stay parallel.
     """
     count = points.shape[1]
     length = segments(points).norm(dim=-1).sum(dim=-1)
@@ -78,7 +78,7 @@ def gather_locks(
 def strand_frames(
     points: Float[Tensor, "strand point 3"], normals: Float[Tensor, "strand 3"]
 ) -> Float[Tensor, "strand point 3 3"]:
-    """Frames carried along each strand without twist: columns sideways, outwards, along."""
+    """Twist-free frames along each strand; columns are sideways, outwards, along."""
     along = directions(points)
     sideways = torch.linalg.cross(along[:, 0], normals, dim=-1)
     frames = []
@@ -96,7 +96,7 @@ def _waves(
     style: Style,
     generator: torch.Generator,
 ) -> Float[Tensor, "strand point 2"]:
-    """Deviation sideways and outwards: one wave a lock, its phase drifting over the head and along the strand."""
+    """Deviation sideways and outwards: one wave per lock; its phase drifts over the head and along the strand."""
     count = len(points)
     arc = _arc(points)
     by_lock = torch.randn(3, count, generator=generator, device=generator.device).to(points)[:, lock]

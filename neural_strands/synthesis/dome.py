@@ -1,4 +1,4 @@
-"""A dome of cameras that all see the whole of the hair."""
+"""A dome of cameras, each of which sees all of the hair."""
 
 import math
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
-"""Turn between neighbours on the spiral (rad): azimuths never line up."""
+"""Turn between neighbours on the spiral (rad); azimuths never line up."""
 
 SPREAD_POINTS = 100_000
-"""Points of the hair from which the focal length is found."""
+"""Points of the hair from which the focal length is computed."""
 MOST = 0.998
-"""Share of the hair that has to fit: a single flyaway does not decide how large the rest is seen."""
+"""Share of the hair that has to fit, so that a single flyaway does not determine the scale of the rest."""
 
 
 @dataclass(frozen=True)
 class DomeConfig:
-    """Where cameras stand and what they see."""
+    """Positions and field of view of the cameras."""
 
     views: int = 24
     """Number of cameras."""
@@ -40,15 +40,15 @@ class DomeConfig:
 def dome(points: Float[Tensor, "*strand 3"], config: DomeConfig) -> tuple[Camera, ...]:
     """Cameras on a spiral from the highest to the lowest elevation, evenly over the sphere between.
 
-    All share one focal length, the longest with which the hair stays within its share of every frame, but for the
-    few points that stray furthest.
+    All share one focal length: the longest with which the hair, except for the few points that stray furthest, stays
+    within its share of every frame.
 
     Args:
         points: of the hair, world metres.
         config: the dome.
 
     Raises:
-        InputError: a dome that cannot be: too few views, elevations that cross, cameras within the hair.
+        InputError: too few views, elevations that cross, or cameras within the hair.
     """
     _check(config)
     flat = points.reshape(-1, 3)
@@ -70,7 +70,7 @@ def dome(points: Float[Tensor, "*strand 3"], config: DomeConfig) -> tuple[Camera
 
 
 def dome_directions(config: DomeConfig) -> Float[Tensor, "view 3"]:
-    """Unit vectors from the hair to each camera (y up, +z out of the face); the first looks from the highest."""
+    """Unit vectors from the hair to each camera (y up, +z out of the face); the first camera is the highest."""
     high, low = (math.sin(math.radians(angle)) for angle in (config.elevation_max, config.elevation_min))
     share = (torch.arange(config.views) + 0.5) / config.views
     height = high + (low - high) * share

@@ -19,20 +19,20 @@ from neural_strands.synthesis.pigment import draw_melanin, melanin_colour
 from neural_strands.synthesis.styles import Melanin, Style
 
 FULL_HEAD = 100_000
-"""Strands on a real head."""
+"""Number of strands on a real head."""
 NATURAL_WIDTH = 0.00008
 """Thickness of a real strand (m)."""
 GRID_SPACING, GRID_MARGIN = 0.006, 0.03
-"""Of the grid of distances that growing looks up, metres."""
+"""Spacing of the grid of distances used while growing, metres."""
 FEWEST, MOST = 100, 1_000_000
-"""Strands that a groom may have."""
+"""Smallest and largest number of strands of a groom."""
 
 
 def make_groom(head: Head, style: Style, melanin: Melanin, count: int, generator: torch.Generator) -> Strands:
     """Grow `count` strands of a style on a head; the same generator state gives the same strands.
 
     Raises:
-        InputError: a count that cannot be grown.
+        InputError: the count is out of range.
     """
     if not FEWEST <= count <= MOST:
         raise InputError(f"strands: expected {FEWEST} to {MOST}, got {count}; choose a number between.")
@@ -49,8 +49,8 @@ def make_groom(head: Head, style: Style, melanin: Melanin, count: int, generator
 def strand_widths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
     """Full thickness (metres), tapering towards the tip.
 
-    Fewer strands than a real head's are drawn thicker, so that they cover it: by the square root of the shortage, which
-    keeps single strands visible as such.
+    A groom with fewer strands than a real head has thicker ones, so that they cover the head. The factor is the square
+    root of the ratio, which keeps single strands distinguishable.
     """
     count, size, _ = points.shape
     shortage = math.sqrt(max(FULL_HEAD / count, 1.0))

@@ -13,13 +13,13 @@ from neural_strands.synthesis.styles import Style
 POINTS = 100
 """Points of every strand."""
 STIFF_LENGTH = 0.03
-"""Length over which a strand begins to feel gravity (m)."""
+"""Length over which gravity sets in (m)."""
 LAYER_SLOPE = 0.25
 """How fast a strand may climb to its layer: height over length."""
 HOLD = 0.88
-"""Share of gravity that hair does not feel while it rests on the upper head: friction keeps it where it is combed."""
+"""Share of gravity cancelled by friction while hair rests on the upper head and stays where it is combed."""
 HOLD_HEIGHT = 0.008
-"""Height above its layer over which the hold is lost (m)."""
+"""Height above its layer over which this friction is lost (m)."""
 CLEARANCE = 0.0006
 """Least height of a strand above the skin, away from its root (m)."""
 
@@ -29,8 +29,8 @@ def grow(
 ) -> Float[Tensor, "root 100 3"]:
     """Integrate one smooth strand of POINTS points from each root.
 
-    Each step bends the direction towards the ground, goes forward, and is lifted to the strand's layer above the skin
-    where it would fall below it; the step's length is kept, so arc lengths are what the style asks for.
+    Each step bends the direction towards the ground, moves forward, and is lifted to the strand's layer above the skin
+    if it would fall below it. The step keeps its length, so arc lengths are those of the style.
     """
     normals = roots.normal
     count, device = len(normals), normals.device
@@ -60,7 +60,7 @@ def grow(
 def strand_lengths(
     positions: Float[Tensor, "root 3"], frame: ScalpFrame, style: Style, generator: torch.Generator
 ) -> Float[Tensor, " root"]:
-    """Arc lengths wanted (metres): full at the crown, shorter below, varying between strands."""
+    """Desired arc lengths (metres): full at the crown, shorter below, varying between strands."""
     share = style.side_length + (1 - style.side_length) * frame.height(positions).sqrt()
     noise = torch.randn(len(positions), generator=generator, device=generator.device).to(positions.device)
     return style.length * share * (1 + style.length_variation * noise.clamp(-2.5, 2.5))
@@ -69,7 +69,7 @@ def strand_lengths(
 def cut(
     points: Float[Tensor, "strand point 3"], level: Float[Tensor, " strand"] | None
 ) -> Float[Tensor, "strand point 3"]:
-    """End strands where they first sink below a height of their own (metres), with as many points as before."""
+    """End strands where they first sink below a height given per strand (metres); the number of points stays."""
     if level is None:
         return points
     count = points.shape[1]
@@ -95,7 +95,7 @@ def _lifted(
     """Turn directions so that a step ends `height` above the skin or climbs towards it.
 
     Returns:
-        direction, how far above its height the step ends (metres), and which way is outwards there.
+        The direction, the height above `height` at which the step ends (metres), and the outward direction there.
     """
     above, outward = torch.zeros_like(height), torch.zeros_like(point)
     for _ in range(2):

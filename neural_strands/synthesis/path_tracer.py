@@ -1,8 +1,8 @@
 """Path tracing of hair on a head with Mitsuba 3: pictures and the coverage of hair in them.
 
 Strands are linear curves, so what is rendered is the polyline itself. The hair BSDF is that of Marschner et al. 2003 in
-the form of d'Eon et al. 2011 and Chiang et al. 2016. Coverage comes from a second, cheap pass that only asks what each
-camera ray meets first, under the same reconstruction filter as the picture.
+the form of d'Eon et al. 2011 and Chiang et al. 2016. Coverage comes from a second, cheap pass that only tests what each
+camera ray meets first, with the same reconstruction filter as the picture.
 """
 
 import math
@@ -30,12 +30,12 @@ from neural_strands.synthesis.surfaces import fine_mesh, skin_colours, surround
 LONGITUDINAL_ROUGHNESS = 0.3
 """Roughness along the strand (0 to 1): the width of the highlight."""
 OUTSHINE = 2.5
-"""How many times brighter than the median of its surroundings one pass of a pixel may be."""
+"""How many times brighter than the median of its neighbourhood a pixel may be in one pass."""
 LIGHTS = (
     ((0.95, 2.5, 1.35), 0.8, (7.6, 7.1, 6.5)),
     ((-1.1, 2.5, -1.05), 0.8, (5.4, 5.8, 6.4)),
 )
-"""The two area lights: place from the middle of the hair (m), half a side (m), radiance."""
+"""The two area lights: position relative to the middle of the hair (m), half a side (m), radiance."""
 
 
 @dataclass(frozen=True)
@@ -43,27 +43,27 @@ class TracingConfig:
     """Quality and look of the pictures."""
 
     samples: int = 16
-    """Paths a pixel."""
+    """Paths per pixel."""
     mask_samples: int = 36
-    """Rays a pixel for the hair's coverage."""
+    """Rays per pixel for the coverage of hair."""
     depth: int = 12
     """Longest path (bounces + 1)."""
     pigments: int = 12
-    """Groups of like melanin that stand for the strands' own."""
+    """Groups of strands with similar melanin; each group shares one material."""
     passes: int = 4
-    """Parts into which the samples are split to cut off fireflies."""
+    """Number of passes into which the samples are split, to remove fireflies."""
     melanin: Melanin = MELANIN["brown"]
     """Pigment of the hair."""
 
 
 class PathTracer:
-    """Strands on a head, ready to be seen from any camera."""
+    """Strands on a head, ready to be rendered from any camera."""
 
     def __init__(self, head: Head, strands: Strands, config: TracingConfig, generator: torch.Generator) -> None:
-        """Load the scene: geometry goes through a temporary folder.
+        """Load the scene; geometry passes through a temporary folder.
 
         Raises:
-            InputError: Mitsuba is not installed, or the quality asked for is out of range.
+            InputError: Mitsuba is not installed, or a quality setting is out of range.
         """
         if min(config.samples, config.mask_samples, config.depth, config.pigments, config.passes) < 1:
             raise InputError("samples, mask_samples, depth, pigments and passes: expected at least 1 of each.")
@@ -82,7 +82,7 @@ class PathTracer:
             self._silhouette = self._mi.load_dict(_silhouette(skin, [path for path, _ in groups]))
 
     def image(self, camera: Camera, seed: int) -> Float[Tensor, "height width 3"]:
-        """What the camera sees, sRGB in [0, 1]; `seed` picks the noise."""
+        """The view of the camera, sRGB in [0, 1]; `seed` determines the noise."""
         passes = min(self._config.passes, self._config.samples)
         share = math.ceil(self._config.samples / passes)
         sensor = self._sensor(camera, share)
@@ -93,7 +93,7 @@ class PathTracer:
         return to_srgb(without_fireflies(torch.stack([torch.from_numpy(np.array(part)) for part in rendered])))
 
     def coverage(self, camera: Camera) -> Float[Tensor, "height width 2"]:
-        """Share of each pixel in which the camera first sees hair, and in which it sees the person at all."""
+        """Share of each pixel in which the camera sees hair first, and in which it sees any part of the person."""
         sensor = self._sensor(camera, self._config.mask_samples)
         rendered = self._mi.render(self._silhouette, sensor=sensor, spp=self._config.mask_samples, seed=0)
         return torch.from_numpy(np.array(rendered))[..., :2].clamp(0.0, 1.0)
@@ -171,9 +171,9 @@ class PathTracer:
 
 
 def without_fireflies(passes: Float[Tensor, "pass height width 3"]) -> Float[Tensor, "height width 3"]:
-    """Mean of several renderings of one view, in which no pixel of a pass outshines its surroundings by far.
+    """Mean of several renderings of one view, without pixels that far outshine their neighbourhood in one pass.
 
-    A highlight shines in every pass and at its neighbours too; a firefly is one rare path in one pass.
+    A highlight appears in every pass and at neighbouring pixels; a firefly is one rare path in one pass.
     """
     brightness = passes.amax(dim=-1)
     padded = torch.nn.functional.pad(brightness.mean(dim=0)[None, None], (1, 1, 1, 1), mode="replicate")
@@ -183,7 +183,7 @@ def without_fireflies(passes: Float[Tensor, "pass height width 3"]) -> Float[Ten
 
 
 def to_srgb(linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Encode linear light for display (IEC 61966-2-1), cut off at white."""
+    """Encode linear light for display (IEC 61966-2-1), clipped at white."""
     clipped = linear.clamp(0.0, 1.0)
     return torch.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped.clamp(min=1e-8) ** (1 / 2.4) - 0.055)
 
@@ -191,7 +191,7 @@ def to_srgb(linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
 def _write_hair(
     folder: Path, strands: Strands, melanin: Float[Tensor, "strand 2"], count: int
 ) -> list[tuple[Path, Float[Tensor, "2"]]]:
-    """One file of curves for each group of like pigment."""
+    """One file of curves for each group of similar pigment."""
     width = strand_widths(strands.points) if strands.width is None else strands.width
     written = []
     for index, (members, mean) in enumerate(melanin_groups(melanin, count)):
@@ -203,7 +203,7 @@ def _write_hair(
 
 
 def _silhouette(skin: Path, hair: list[Path]) -> dict[str, Any]:
-    """The scene for coverage: hair shows as red and green, skin as green, the surround as nothing."""
+    """The scene for coverage: hair shows as red and green, skin as green, the surroundings as nothing."""
     scene: dict[str, Any] = {"type": "scene", "integrator": {"type": "aov", "aovs": "hair:albedo"}}
     scene["head"] = {"type": "ply", "filename": str(skin), "bsdf": _flat([0.0, 1.0, 0.0])}
     for index, path in enumerate(hair):

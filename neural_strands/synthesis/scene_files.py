@@ -11,7 +11,7 @@ from neural_strands.geometry.mesh import Mesh, vertex_normals
 
 
 def write_curves(path: Path, points: Float[Tensor, "strand point 3"], width: Float[Tensor, "strand point"]) -> None:
-    """Write strands as lines of x, y, z and radius (metres), a blank line between strands."""
+    """Write strands as lines of x, y, z and radius (metres), with a blank line between strands."""
     rows = torch.cat([points, width[..., None] / 2], dim=-1).double().cpu().numpy()
     template = "%.6f %.6f %.6f %.8f\n" * points.shape[1] + "\n"
     with path.open("w") as file:

@@ -1,4 +1,4 @@
-"""What a procedural groom looks like: lengths, waves, clumps and colour, and the named styles."""
+"""Parameters of procedural grooms (lengths, waves, clumps, colour) and the named styles."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,7 +18,7 @@ class Style:
     side_length: float = 1.0
     """Length at the lowest roots as a share of that at the crown."""
     tip_level: float | None = None
-    """Height of the blunt cut below the lowest root (m); strands end there at the latest. None: no cut."""
+    """Distance of the blunt cut below the lowest root (m), where strands end at the latest. None: no cut."""
     lift: float = 0.5
     """Slope of the first millimetres away from the scalp (0 along it, 1 at 45 degrees)."""
     gravity: float = 14.0
@@ -28,7 +28,7 @@ class Style:
     thickness: float = 0.016
     """Height of the outermost layer above the skin (m)."""
     parting: float | None = 0.02
-    """Where the parting runs, to the wearer's left of the middle (m); None combs away from the whorl instead."""
+    """Distance of the parting from the middle, to the wearer's left (m). None: hair is combed away from the whorl."""
     whorl_turn: float = 1.25
     """Angle by which hair leaves the whorl sideways (rad)."""
     wave_amplitude: float = 0.0
@@ -40,7 +40,7 @@ class Style:
     clump_spacing: float = 0.012
     """Distance between neighbouring locks on the scalp (m)."""
     clump_strength: float = 0.55
-    """How far strand tips close in on their lock (0 none, 1 all the way)."""
+    """How far the tips of strands move towards their lock (0 not at all, 1 all the way)."""
     frizz: float = 0.0012
     """Smooth random deviation of single strands (m)."""
     flyaways: float = 0.03

@@ -1,4 +1,4 @@
-"""Skin of the head and the surround behind it: smooth random textures."""
+"""Skin of the head and the surroundings behind it: smooth random textures."""
 
 import math
 
@@ -12,11 +12,11 @@ from neural_strands.scalp.head import Head
 SKIN = (0.60, 0.385, 0.30)
 """Linear RGB albedo of lit skin."""
 SCALP_SHADE = 0.75
-"""How far the scalp takes on the colour of its hair: stubble and shadow between strands that are not drawn."""
+"""How far the scalp takes on the colour of its hair, for stubble and shadow that are not drawn."""
 FINE_EDGE = 0.004
-"""Mean edge below which the head is fine enough to carry the skin's texture (m)."""
+"""Mean edge length below which the mesh is fine enough for the skin texture (m)."""
 MOST_FACES = 400_000
-"""Faces above which a head is not divided further."""
+"""Number of faces above which a head is not subdivided further."""
 
 
 def fine_mesh(head: Head) -> tuple[Mesh, Float[Tensor, " vertex"]]:
@@ -41,7 +41,7 @@ def skin_colours(
     hair: Float[Tensor, "3"],
     generator: torch.Generator,
 ) -> Float[Tensor, "vertex 3"]:
-    """Linear albedo of the skin: mottled, redder in patches, shaded by its hair on the scalp."""
+    """Linear albedo of the skin: mottled, redder in patches, darkened by hair on the scalp."""
     tone = smooth_noise(vertices, 0.02, generator) + 0.6 * smooth_noise(vertices, 0.007, generator)
     blush = smooth_noise(vertices, 0.045, generator)
     base = vertices.new_tensor(SKIN)
@@ -88,7 +88,7 @@ def _mean_edge(vertices: Float[Tensor, "vertex 3"], faces: Tensor) -> float:
 
 
 def _divided(vertices: Float[Tensor, "vertex 3"], faces: Tensor) -> tuple[Tensor, Tensor]:
-    """Each triangle in four by its edges' midpoints: the same surface. Child k of face f is face k * F + f."""
+    """Split each triangle into four at the midpoints of its edges; child k of face f is face k * F + f."""
     edges = torch.stack([faces, faces.roll(-1, dims=1)], dim=-1).reshape(-1, 2).sort(dim=-1).values
     unique, index = torch.unique(edges, dim=0, return_inverse=True)
     middle = index.reshape(-1, 3) + len(vertices)

@@ -1,4 +1,4 @@
-"""From strands on a head to a capture folder: pictures of a dome of cameras, masks and ground truth."""
+"""From strands on a head to a capture folder: pictures from a dome of cameras, masks and ground truth."""
 
 import hashlib
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from neural_strands.synthesis.dome import DomeConfig, dome
 from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
 
 SMALLEST, LARGEST = 0.02, 3.0
-"""Extents (m) between which a groom's size is plausible."""
+"""Smallest and largest plausible size of a groom (m)."""
 FURTHEST_ROOT = 0.03
 """Median distance from root to head (m) beyond which a groom does not belong to the head."""
 
@@ -31,7 +31,7 @@ class SynthesisConfig:
     tracing: TracingConfig = field(default_factory=TracingConfig)
     """How pictures are rendered."""
     seed: int = 0
-    """Of the pigments, textures and noise."""
+    """Seed of pigments, textures and noise."""
 
 
 def synthesize(
@@ -42,14 +42,14 @@ def synthesize(
     origin: Mapping[str, str | int],
     overwrite: bool = False,
 ) -> int:
-    """Render a capture into `folder` and return how many views were rendered; those already there are kept.
+    """Render a capture into `folder` and return how many views were rendered; finished views are kept.
 
     Args:
         folder: new, empty, or a capture begun with the same settings.
         head: what the hair grows on.
         strands: the hair; world metres.
         config: cameras and quality.
-        origin: how the strands came to be, to be kept with the settings and named where they differ.
+        origin: where the strands come from; stored with the settings and named if they differ.
         overwrite: replace a capture with other settings.
 
     Raises:
@@ -76,10 +76,10 @@ def synthesize(
 
 
 def check_fit(head: Head, strands: Strands) -> None:
-    """Refuse grooms that cannot be in metres, or that do not grow on this head.
+    """Reject grooms that cannot be in metres or do not grow on this head.
 
     Raises:
-        InputError: the groom is smaller or larger than hair is, or its roots are far from the head.
+        InputError: the groom is smaller or larger than hair, or its roots are far from the head.
     """
     extent = float((strands.points.amax(dim=(0, 1)) - strands.points.amin(dim=(0, 1))).max())
     if not SMALLEST <= extent <= LARGEST:

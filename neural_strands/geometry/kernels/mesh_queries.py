@@ -1,6 +1,6 @@
 """Warp kernels that ask a mesh's bounding volume hierarchy for closest points and signs.
 
-A query's u and v weigh the first and the second corner of its face.
+A query's u and v are the weights of the first and the second corner of its face.
 """
 
 # Warp's kernel language is not Python's type system: these rules do not hold inside it.
@@ -12,7 +12,7 @@ from typing import no_type_check
 import warp as wp
 
 FARTHEST = wp.constant(1.0e6)
-"""Metres beyond which a query gives up: farther than anything a scene holds."""
+"""Metres beyond which a query gives up; larger than any scene."""
 
 ACCURACY = wp.constant(2.0)
 """Distance over size from which a cluster of faces counts as one dipole in the winding number (Barill et al. 2018)."""

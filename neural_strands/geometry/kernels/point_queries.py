@@ -11,7 +11,7 @@ from typing import no_type_check
 import warp as wp
 
 MOST_LEVELS = 8
-"""Most thresholds of one call of `match_levels`."""
+"""Largest number of thresholds in one call of `match_levels`."""
 
 LevelVector = wp.types.vector(length=MOST_LEVELS, dtype=wp.float32)
 
@@ -26,7 +26,7 @@ def cell_along(coordinate: float, lower: float, inverse_cell: float) -> int:
 @wp.func
 @no_type_check
 def row_start(y: int, z: int, mask: int) -> int:
-    """Where the row of cells at (y, z) begins in the table."""
+    """Start of the row of cells at (y, z) in the table."""
     return ((y * 73856093) ^ (z * 19349663)) & mask
 
 
@@ -40,7 +40,7 @@ def count_points(
     keys: wp.array[int],
     counts: wp.array[int],
 ) -> None:
-    """Key of each point's cell, and the number of points a key."""
+    """Key of each point's cell, and the number of points per key."""
     i = wp.tid()
     p = points[i]
     y = cell_along(p[1], lower[1], inverse_cell)
@@ -59,7 +59,7 @@ def place_points(
     sorted_points: wp.array[wp.vec3],
     order: wp.array[int],
 ) -> None:
-    """Move each point to the stretch of its cell (counting sort)."""
+    """Move each point to the run of its cell (counting sort)."""
     i = wp.tid()
     slot = wp.atomic_add(cursor, keys[i], 1)
     order[slot] = i
@@ -76,7 +76,7 @@ def row_of(point: wp.vec3, lower: wp.vec3, cell: float) -> wp.vec2i:
 @wp.func
 @no_type_check
 def rows_on_ring(ring: int) -> int:
-    """How many rows lie `ring` rows from one, along y or z; itself on ring 0."""
+    """Number of rows at a distance of `ring` rows from one along y or z; one on ring 0."""
     return wp.max(8 * ring, 1)
 
 
@@ -109,7 +109,7 @@ def row_span(
     mask: int,
     starts: wp.array[int],
 ) -> wp.vec2i:
-    """The stretch of sorted points in a row (y, z) whose cells come within `reach` of the query."""
+    """The run of sorted points in a row (y, z) whose cells come within `reach` of the query."""
     y = row[0]
     z = row[1]
     if y < 0 or z < 0 or y >= cells[1] or z >= cells[2]:
@@ -118,7 +118,7 @@ def row_span(
     beside = lower[2] + float(z) * cell - query[2]
     gap_y = wp.max(wp.max(below, -below - cell), 0.0)
     gap_z = wp.max(wp.max(beside, -beside - cell), 0.0)
-    # A hair of slack: the cell of a point and the distance to its cell are rounded apart.
+    # Slightly more, because the cell of a point and the distance to its cell are rounded separately.
     square = reach * reach * 1.0001 + 1.0e-14 - gap_y * gap_y - gap_z * gap_z
     if square < 0.0:
         return wp.vec2i(0, 0)
@@ -159,7 +159,7 @@ def nearest_kernel(
     distance: wp.array[float],
     index: wp.array[int],
 ) -> None:
-    """Rings of rows around the query's own, from near to far, until a ring is farther than the best point."""
+    """Visit rings of rows around the query's own, from near to far, until a ring is farther than the best point."""
     i = first_query + wp.tid()
     query = queries[i]
     if outside_grid(query, radius, lower, cells, cell):
@@ -204,7 +204,7 @@ def levels_kernel(
     unsigned_level: wp.array[int],
     signed_level: wp.array[int],
 ) -> None:
-    """Rings of rows around the query's own; the reach shrinks to the radius of the next stricter level wanted."""
+    """Visit rings of rows around the query's own; the reach shrinks to the radius of the next stricter level."""
     i = first_query + wp.tid()
     query = queries[i]
     if outside_grid(query, radii[levels - 1], lower, cells, cell):

@@ -13,7 +13,7 @@ from typing import no_type_check
 import warp as wp
 
 RUN = wp.constant(2)
-"""Segments of a part: more would join what a curl shows a pixel twice."""
+"""Segments of a part; more would merge two passes of a curl through one pixel."""
 
 
 @wp.func
@@ -29,7 +29,7 @@ def part_of(segment: int, per_strand: int) -> wp.vec2i:
 @no_type_check
 def is_first(segment: wp.array2d[wp.int64], top: int, left: int, k: int, factor: int, part: wp.vec2i) -> bool:
     """Whether no line pixel of an image pixel before its k-th sees this part."""
-    # The nearest are the likeliest to see the same.
+    # The nearest pixels are the most likely to see the same part.
     row = k // factor
     column = k - row * factor - 1
     while row >= 0:
@@ -75,7 +75,7 @@ def gather_parts(
     positions: wp.array[float],
     weights: wp.array[float],
 ) -> None:
-    """List the parts that an image pixel sees, from its place on: their mean point and how many line pixels see it."""
+    """List the parts that an image pixel sees, with their mean point and the number of line pixels that see them."""
     pixel = start + wp.tid()
     top = pixel // width * factor
     left = pixel % width * factor

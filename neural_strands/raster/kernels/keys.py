@@ -41,7 +41,7 @@ def key_depth(key: wp.int64) -> float:
 @wp.kernel(enable_backward=False)
 @no_type_check
 def start_keys(occluder: wp.array[float], bias: float, keys: wp.array[wp.int64]) -> None:
-    """Give one pixel the key that only what is nearer than the occluder can beat; an empty occluder hides nothing."""
+    """Give one pixel the key that only nearer primitives than the occluder replace; an empty occluder hides nothing."""
     pixel = wp.tid()
     depth = wp.float32(wp.inf)
     if occluder.shape[0] > 0:

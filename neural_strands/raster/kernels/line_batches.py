@@ -1,8 +1,8 @@
 """The line rasteriser's kernel for lines one pixel wide on the CPU: what `line_kernels.draw_lines` draws, bit for bit.
 
-A segment is about a pixel long, so branches on its direction and on the number of its pixels are guessed wrong every
-other time. Here the segments of a batch go through each step together, without branches, in loops that the compiler
-turns into vector instructions; only the keys are lowered one after the other.
+A segment is about a pixel long, so branches on its direction and on its number of pixels are mispredicted half of the
+time. Here the segments of a batch go through each step together, without branches, in loops that the compiler turns
+into vector instructions. Only the keys are lowered one by one.
 
 Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
 """
@@ -17,11 +17,11 @@ import warp as wp
 from neural_strands.raster.kernels.lines import LONGEST, depth_at, draw_in_front, draw_segment, to_screen, transform
 
 BATCH = wp.constant(64)
-"""Segments that go through the steps together."""
+"""Segments per batch."""
 ENDS = wp.constant(65)
-"""Their points."""
+"""Points per batch."""
 NOT_DRAWN = wp.constant(0x7FFFFFFF)
-"""Depth bits above those of any depth: a key of these lowers no other."""
+"""Depth bits above those of any depth; a key with these lowers no other."""
 
 
 @wp.kernel(enable_backward=False)
@@ -38,8 +38,9 @@ def draw_strands(
 ) -> None:
     """Draw one strand. The image has at least one pixel.
 
-    The loops stand here, not in functions, and array elements get names before a choice between them: otherwise the
-    compiler chooses between addresses and gathers (or has no vector instructions at all), three times as slow.
+    The loops are written out here, not in functions, and array elements are named before a choice between them.
+    Otherwise the compiler chooses between addresses and gathers, or emits no vector instructions at all, and is three
+    times as slow.
     """
     strand = first + wp.tid()
     projection = projections[0]

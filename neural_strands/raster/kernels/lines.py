@@ -13,7 +13,7 @@ import warp as wp
 from neural_strands.raster.kernels.keys import key_depth, key_index, make_key
 
 LONGEST = wp.constant(1.0e9)
-"""Lines longer than this many pixels are not drawn: float32 no longer knows where they lie."""
+"""Lines longer than this many pixels are not drawn, because float32 no longer resolves their position."""
 
 
 @wp.func
@@ -34,7 +34,7 @@ def near_cut(depth_in: float, depth_out: float, near: float) -> float:
 @wp.func
 @no_type_check
 def depth_at(fraction: float, inverse_a: float, inverse_b: float) -> float:
-    """Depth at a fraction of the projected segment: its inverse is linear on the screen."""
+    """Depth at a fraction of the projected segment; the inverse of depth is linear on the screen."""
     return 1.0 / (inverse_a + fraction * (inverse_b - inverse_a))
 
 
@@ -86,7 +86,7 @@ def draw_wide_segment(
     height: int,
     keys: wp.array[wp.int64],
 ) -> None:
-    """Draw one segment as `draw_segment` does, but all pixels across it whose centres lie within its width.
+    """Draw one segment like `draw_segment`, but with all pixels across it whose centres lie within its width.
 
     Args:
         a: one end in front of the camera (pixel x, pixel y, 1 / depth).
@@ -104,7 +104,7 @@ def draw_wide_segment(
         if wp.abs(dx) < LONGEST:
             low = wp.max(wp.min(a[0], b[0]), 0.0)
             high = wp.min(wp.max(a[0], b[0]), float(width))
-            # Along a column a line measures more than across itself.
+            # A line is wider along a column than across itself.
             stretch = wp.sqrt(1.0 + dy * dy / (dx * dx))
             for column in range(int(wp.ceil(low - 0.5)), int(wp.ceil(high - 0.5))):
                 fraction = (float(column) + 0.5 - a[0]) / dx
@@ -131,7 +131,7 @@ def draw_wide_segment(
 @wp.func
 @no_type_check
 def focal_length(projection: wp.mat44) -> float:
-    """Pixels to one metre at one metre's depth: mean of both axes, whatever the principal point."""
+    """Pixels per metre at a depth of one metre: the mean of both axes, independent of the principal point."""
     across = wp.vec3(projection[0, 0], projection[0, 1], projection[0, 2])
     down = wp.vec3(projection[1, 0], projection[1, 1], projection[1, 2])
     ahead = wp.vec3(projection[2, 0], projection[2, 1], projection[2, 2])
@@ -141,7 +141,7 @@ def focal_length(projection: wp.mat44) -> float:
 @wp.func
 @no_type_check
 def tapered(tip: float, along: float) -> float:
-    """Share of its width that a strand has left (`LineConfig.tip`), 0 at the root and 1 at the tip of the strand."""
+    """Remaining share of a strand's width (`LineConfig.tip`) at a position from 0 at the root to 1 at the tip."""
     if tip <= 0.0:
         return 1.0
     return wp.min((1.0 - along) / tip, 1.0)
@@ -248,7 +248,7 @@ def resolve_lines(
     position: wp.array[float],
     depth: wp.array[float],
 ) -> None:
-    """Recover a pixel's segment, depth and perspective-correct position from the least of its keys in all planes."""
+    """Recover a pixel's segment, depth and perspective-correct position from the smallest of its keys in all planes."""
     pixel = first + wp.tid()
     key = keys[0, pixel]
     for plane in range(1, keys.shape[0]):
@@ -263,7 +263,7 @@ def resolve_lines(
     base = int(index) + strand
     a = transform(projections[0], points[base])
     b = transform(projections[0], points[base + 1])
-    # The part of the segment in front of the near plane starts at `begin` and ends at `end` of its length.
+    # The part of the segment in front of the near plane runs from `begin` to `end` of its length.
     begin = wp.float32(0.0)
     end = wp.float32(1.0)
     if not a[2] > near:

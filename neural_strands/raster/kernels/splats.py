@@ -1,6 +1,6 @@
-"""Warp kernels of the bilinear splat at one resolution: sums on the way forward, gathers on the way back.
+"""Warp kernels of the bilinear splat at one resolution: sums in the forward pass, gathers in the backward pass.
 
-Channels come in quads: a vector instruction each, five times as fast on the CPU as one channel after the other.
+Channels are grouped in fours, one vector instruction each: five times as fast on the CPU as channel by channel.
 
 Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
 """
@@ -36,7 +36,7 @@ def accumulate(
     sums: wp.array2d[wp.vec4],
     weights: wp.array[float],
 ) -> None:
-    """Add some quads of channels of one point to its four neighbours among the rows [first_row, last_row)."""
+    """Add some groups of four channels of one point to its four neighbours among the rows [first_row, last_row)."""
     item = wp.tid()
     quads = features.shape[1]
     blocks = wp.max((quads + quads_per_item - 1) // quads_per_item, 1)
@@ -91,7 +91,7 @@ def gather_gradients(
     grad_pixels: wp.array[wp.vec2],
     grad_features: wp.array2d[wp.vec4],
 ) -> None:
-    """Add what one point's four neighbours say to the point's gradients."""
+    """Add the contributions of a point's four neighbours to the point's gradients."""
     point = start + wp.tid()
     x = pixels[point][0] * scale - 0.5
     y = pixels[point][1] * scale - 0.5
@@ -108,7 +108,7 @@ def gather_gradients(
         if u >= 0 and u < width and v >= 0 and v < height:
             cell = v * width + u
             inverse = amounts[point] / wp.max(weights[cell], minimum_weight)
-            # Below the least weight the divisor is a constant, and the mean has no part in the derivative.
+            # Below the smallest weight the divisor is constant, so the mean does not enter the derivative.
             kept = wp.float32(0.0)
             if weights[cell] > minimum_weight:
                 kept = 1.0

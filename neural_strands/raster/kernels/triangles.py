@@ -13,7 +13,7 @@ import warp as wp
 from neural_strands.raster.kernels.keys import key_depth, key_index, make_key
 
 TOLERANCE = wp.constant(1.0e-6)
-"""How far outside a triangle (barycentric) a pixel still counts, so that rounding opens no cracks."""
+"""How far outside a triangle (barycentric) a pixel still counts, so that rounding leaves no cracks."""
 
 
 @wp.func
@@ -37,7 +37,7 @@ def grow(box: wp.vec4, point: wp.vec3) -> wp.vec4:
 @wp.func
 @no_type_check
 def grow_edge(box: wp.vec4, a: wp.vec3, b: wp.vec3, near: float) -> wp.vec4:
-    """Extend a box to the first end of an edge and to where the edge crosses the near plane."""
+    """Extend a box to the first end of an edge and to the point where the edge crosses the near plane."""
     grown = box
     if a[2] > near:
         grown = grow(grown, a)
@@ -58,7 +58,7 @@ def cross_2d(a: wp.vec3, b: wp.vec3) -> float:
 def weights_at(a: wp.vec3, b: wp.vec3, c: wp.vec3, x: float, y: float) -> wp.vec3:
     """Barycentric coordinates of a pixel up to a common factor (zero edge-on), from corners in homogeneous pixels.
 
-    The pixel is moved to the origin first: that keeps float32 exact enough near silhouettes.
+    The pixel is moved to the origin first, which keeps float32 accurate enough near silhouettes.
     """
     a_moved = wp.vec3(a[0] - x * a[2], a[1] - y * a[2], 0.0)
     b_moved = wp.vec3(b[0] - x * b[2], b[1] - y * b[2], 0.0)
