@@ -1,4 +1,4 @@
-"""What a check found: one row of the table."""
+"""The findings of `check`: one row of the table each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,17 +6,17 @@ from typing import Literal
 
 Level = Literal["good", "note", "warning", "error"]
 MOST_NAMES = 5
-"""Views named in one row; of the others the number is given."""
+"""Views named in one row; the others are only counted."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
-        topic: what was looked at.
-        level: good; note (absent but optional); warning (the result will suffer); error (must be mended first).
-        message: what is there, or what is wrong.
+        topic: what was checked.
+        level: good; note (absent but optional); warning (the result will suffer); error (must be fixed first).
+        message: what was found, or what is wrong.
         action: what to do about it, empty if nothing.
         views: names of the views concerned.
     """
@@ -37,6 +37,6 @@ class Finding:
 
 
 def worst(findings: Sequence[Finding]) -> Level:
-    """The gravest level among findings; good for none."""
+    """The most serious level among findings; good if there are none."""
     order: tuple[Level, ...] = ("good", "note", "warning", "error")
     return order[max((order.index(finding.level) for finding in findings), default=0)]

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 ZOOM_RANGE = (0.5, 2.0)
-"""How far the focal length of the undistorted view may differ from the lens's."""
+"""Largest ratio between the focal lengths of the undistorted view and the lens."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Lens:
         return self.matrix(self.undistorted_zoom())
 
     def distort(self, normalised: np.ndarray) -> np.ndarray:
-        """Where the lens images normalised pinhole coordinates (..., 2), in pixels."""
+        """Pixels at which the lens images normalised pinhole coordinates (..., 2)."""
         k1, k2, p1, p2, k3 = self.coefficients
         fx, fy, cx, cy = self.intrinsics
         x, y = normalised[..., 0], normalised[..., 1]

@@ -1,4 +1,4 @@
-"""The command line: one module a verb; the only place that parses arguments, seeds, and picks a device."""
+"""The command line: one module per command; the only place that parses arguments, seeds and picks a device."""
 
 from neural_strands.cli.main import main
 

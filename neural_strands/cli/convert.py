@@ -1,4 +1,4 @@
-"""`neural-strands convert`: from any groom format to any other, into metres, y up, +z front."""
+"""`neural-strands convert`: any groom format to any other, in metres, y up, +z front."""
 
 import sys
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 class Convert:
     """Convert a groom into another format, in metres, y up, +z out of the face.
 
-    --scale, --up and --front say what the input is; with the defaults nothing is changed but the format. A USD input
-    states its own unit and up axis, and is in metres, y up before these apply.
+    --scale, --up and --front describe the input; with the defaults only the format changes. A USD file states its own
+    unit and up axis, and is converted to metres, y up before these options apply.
     """
 
     input: Annotated[Path, tyro.conf.Positional]
@@ -34,20 +34,20 @@ class Convert:
     front: Axis = "z"
     """Axis of the input that points out of the face."""
     points: int | None = None
-    """Points a strand, equally spaced along it; without it the points stay as they are."""
+    """Points per strand, equally spaced along it. Default: the points stay as they are."""
 
     def run(self) -> None:
-        """Read, turn, scale, write."""
+        """Read, rotate, scale, write."""
         from neural_strands.grooms.groom import Groom
         from neural_strands.grooms.io import check_suffix, read_groom, write_groom
 
         check_suffix(self.output)
         if not 1e-6 <= self.scale <= 1e6:
-            raise InputError(f"--scale: expected metres a unit between 1e-6 and 1e6, found {self.scale:g}.")
+            raise InputError(f"--scale: expected metres per unit between 1e-6 and 1e6, found {self.scale:g}.")
         if self.up[-1] == self.front[-1]:
             raise InputError(f"--up {self.up} --front {self.front}: expected two different axes, such as y and z.")
         if self.points is not None and not 2 <= self.points <= 10_000:
-            raise InputError(f"--points: expected between 2 and 10000 points a strand, found {self.points}.")
+            raise InputError(f"--points: expected between 2 and 10000 points per strand, found {self.points}.")
         groom = read_groom(self.input)
         if self.points is not None:
             groom = Groom.from_strands(groom.strands(self.points))

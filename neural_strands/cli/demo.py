@@ -21,13 +21,13 @@ class Demo:
     """Make a small capture of synthetic hair, reconstruct it, score it, and write pictures.
 
     Leaves OUT/capture (photographs with ground truth), OUT/run (groom.usd, groom.npz, model, report/index.html) and
-    OUT/figures.json. A stopped demo goes on when the same command is given again.
+    OUT/figures.json. A stopped demo continues when the same command is given again.
     """
 
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the results."""
     style: Literal["short", "straight", "wavy", "curly"] = "straight"
-    """Style of the true groom. Pictures of 256 pixels cannot hold waves or curls: for those ask for more of them."""
+    """Style of the true groom. Pictures of 256 pixels cannot show waves or curls; raise --resolution for those."""
     strands: int = 10_000
     """Strands of the true groom."""
     views: int = 24
@@ -40,7 +40,7 @@ class Demo:
     """Seed of everything random."""
 
     def run(self) -> None:
-        """Run every stage, telling how long each took."""
+        """Run every stage and report how long each took."""
         capture, run = self.out / "capture", self.out / "run"
         seconds: dict[str, float] = {}
         stages = {

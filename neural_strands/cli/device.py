@@ -1,4 +1,4 @@
-"""The choice of a device and of a seeded generator, made once a command."""
+"""The choice of a device and of a seeded generator, made once per command."""
 
 import os
 from typing import Literal
@@ -11,10 +11,10 @@ DeviceName = Literal["auto", "cpu", "cuda"]
 
 
 def pick_device(name: DeviceName) -> torch.device:
-    """Return the named device; `auto` takes CUDA where there is one, and torchrun's processes take one GPU each.
+    """Return the named device; `auto` is CUDA if available, and torchrun's processes take one GPU each.
 
     Raises:
-        InputError: CUDA is asked for and absent, or torchrun started more processes than there are GPUs.
+        InputError: CUDA is requested but absent, or torchrun started more processes than there are GPUs.
     """
     if name == "cuda" and not torch.cuda.is_available():
         raise InputError("--device cuda: expected a CUDA device, found none; use --device cpu or auto.")

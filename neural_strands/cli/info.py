@@ -1,4 +1,4 @@
-"""`neural-strands info`: what is in a groom."""
+"""`neural-strands info`: the contents of a groom."""
 
 import json
 import math
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 ROOT_SPAN = 0.2
 """Metres that the roots of a whole head of hair span along the longest axis (0.18 to 0.22 on adults)."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Units that are guessed, in metres."""
+"""Units that can be guessed, in metres."""
 TOLERANCE = 1.8
-"""A unit is named when it makes the roots span a head to within this factor."""
+"""A unit is named if the roots then span a head to within this factor."""
 
 
 @dataclass(frozen=True)
 class Info:
-    """Print what a groom holds: strands, points, bounding box, lengths, and a guess of the unit.
+    """Print the contents of a groom: strands, points, bounding box, lengths, and a guess of the unit.
 
-    Everything is in the unit of the file (USD: metres). The guess takes the roots to cover a whole head, 0.2 m along
-    the longest axis.
+    Everything is in the unit of the file (USD: metres). The guess assumes that the roots cover a whole head, 0.2 m
+    along the longest axis.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -46,11 +46,11 @@ class Info:
         unit = facts["unit_guess"]
         rows = {
             "strands": f"{facts['strands']}",
-            "points": f"{facts['points']} ({per_strand[0]} to {per_strand[1]} a strand)",
+            "points": f"{facts['points']} ({per_strand[0]} to {per_strand[1]} per strand)",
             "bounding box": f"{_triple(low)} to {_triple(high)}",
             "length": f"{facts['length_median']:.4g} median, {facts['length_min']:.4g} to {facts['length_max']:.4g}",
             "attributes": ", ".join(facts["attributes"]) or "none",
-            "unit": f"{unit} (guess; about {facts['metres_per_unit_guess']:.2g} m a unit if the roots cover a head)",
+            "unit": f"{unit} (guess; about {facts['metres_per_unit_guess']:.2g} m per unit if the roots cover a head)",
         }
         sys.stdout.write("".join(f"{name:<14}{value}\n" for name, value in rows.items()))
 
@@ -79,7 +79,7 @@ def summary(groom: "Groom") -> dict[str, Any]:
 
 
 def guess_unit(root_span: float) -> str:
-    """Name the unit in which roots that span `root_span` cover a head, or "unknown"."""
+    """Name the unit in which roots that span `root_span` would cover a head, or "unknown"."""
     if root_span <= 0:
         return "unknown"
     misfit = {name: abs(math.log(root_span * metres / ROOT_SPAN)) for name, metres in UNITS.items()}

@@ -1,4 +1,4 @@
-"""Strand consistency (HairGS): how much of each true strand one single predicted strand accounts for."""
+"""Strand consistency (HairGS): the share of each true strand that a single predicted strand matches."""
 
 import math
 
@@ -13,9 +13,9 @@ from neural_strands.foundation.kernels import array, launch_split
 from neural_strands.geometry.point_grid import PointGrid
 
 MOST_CANDIDATES = 4096
-"""Predicted strands that are counted for one true strand; of more, those met first along the strand count."""
+"""Predicted strands counted for one true strand; if there are more, those met first along the strand count."""
 SCRATCH_BYTES = 64 * 1024**2
-"""Memory for the counters of the true strands that are worked on at once."""
+"""Memory for the counters of the true strands processed together."""
 
 
 def consistency(predicted: OrientedPoints, truth: OrientedPoints, distance: float, angle: float) -> float:

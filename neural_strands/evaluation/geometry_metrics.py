@@ -1,12 +1,12 @@
-"""How well strands or line segments agree with true strands.
+"""Agreement of strands or line segments with true strands.
 
 A point counts as matched when the other set has a point within a distance whose direction deviates by no more than an
 angle (the paper's evaluation on synthetic hair, after Nam et al. 2019). Precision is the matched share of the
 predicted points, recall that of the true ones, F their harmonic mean; all in percent. Unsigned figures take a
 direction and its opposite as the same; signed ones do not.
 
-In dense hair a strand that has strayed sideways finds another strand to match: these figures tell whether hair is
-there and runs the right way, not whether each strand is itself. `consistency` looks at whole strands.
+In dense hair a strand that has strayed sideways finds another strand to match. These figures tell whether there is hair
+and whether it runs the right way, not whether each strand is right; `consistency` measures that.
 """
 
 import math
@@ -38,18 +38,18 @@ class Threshold:
 
     @property
     def name(self) -> str:
-        """How reports key it, for instance 2mm/20deg."""
+        """Its key in reports, for instance 2mm/20deg."""
         return f"{1e3 * self.distance:g}mm/{math.degrees(self.angle):g}deg"
 
 
 THRESHOLDS = tuple(Threshold(k * 1e-3, math.radians(10 * k)) for k in (1, 2, 3, 4))
 """(1 mm, 10°), (2 mm, 20°), (3 mm, 30°), (4 mm, 40°)."""
 CONSISTENCY_EVERY = 4
-"""Of the true samples, every fourth (2 mm apart) is asked which strands match it."""
+"""Every fourth true sample (2 mm apart) counts for strand consistency."""
 HEAD_POINTS = 200_000
-"""At most so many predicted points, evenly spread over all, are tested against the head."""
+"""Largest number of predicted points, evenly spread over all, that are tested against the head."""
 CLEARLY_INSIDE = 2e-3
-"""Depth in metres beyond which a point is inside for sure: roots scatter about the fitted surface."""
+"""Depth in metres beyond which a point is certainly inside; roots scatter around the fitted surface."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class GeometryScore:
 
     Attributes:
         threshold: what counts as a match.
-        unsigned: directions taken as lines.
-        signed: directions taken as arrows from the root.
+        unsigned: directions without a sign.
+        signed: directions from root to tip.
         strand_consistency: mean over true strands of the largest share of one strand's points that one single
             predicted strand matches, percent (HairGS); unsigned.
     """
@@ -90,7 +90,7 @@ class GeometryScore:
 
 @dataclass(frozen=True)
 class HeadFit:
-    """How predicted strands sit on the head.
+    """Position of predicted strands relative to the head.
 
     Attributes:
         inside: percent of points beneath the head's surface.
@@ -142,7 +142,7 @@ def score_geometry(
 def fit_to_head(
     predicted: OrientedPoints, head: Mesh, scalp_faces: Int64[Tensor, " scalp"] | None = None
 ) -> HeadFit | None:
-    """Where points and roots lie about a head; roots are measured to the scalp's faces (to all without them).
+    """Position of points and roots relative to a head; roots are measured to the scalp's faces (to all without them).
 
     Returns:
         None when there are no points.

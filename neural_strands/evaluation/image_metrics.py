@@ -36,7 +36,7 @@ def ssim(
 ) -> Float[Tensor, "*batch"]:
     """Structural similarity: Gaussian window of 11 pixels, sigma 1.5, mean over channels and window positions.
 
-    Only windows that lie wholly in the image count; a mask weights them by its value at their centres.
+    Only windows that lie entirely in the image count; a mask weights them by its value at their centres.
 
     Raises:
         ValueError: the image is smaller than the window.
@@ -50,13 +50,13 @@ def ssim(
 def ssim_map(
     image: Float[Tensor, "*batch height width channel"], reference: Float[Tensor, "*batch height width channel"]
 ) -> Float[Tensor, "*batch inner_height inner_width"]:
-    """SSIM of each window that lies wholly in the image (5 pixels fewer at each border), mean over channels.
+    """SSIM of each window that lies entirely in the image (5 pixels fewer at each border), mean over channels.
 
     Raises:
         ValueError: the image is smaller than the window.
     """
     if min(image.shape[-3:-1]) < WINDOW:
-        raise ValueError(f"SSIM needs images of at least {WINDOW} pixels a side, came {tuple(image.shape)}")
+        raise ValueError(f"SSIM needs images of at least {WINDOW} pixels per side, found {tuple(image.shape)}")
     stacked = torch.stack([image, reference, image * image, reference * reference, image * reference])
     mean_a, mean_b, square_a, square_b, product = _blur(stacked).unbind(dim=0)
     variance_a, variance_b = square_a - mean_a * mean_a, square_b - mean_b * mean_b
@@ -76,7 +76,7 @@ def masked_mean(
 
 
 def _blur(image: Float[Tensor, "*batch height width channel"]) -> Float[Tensor, "*batch inner inner_width channel"]:
-    """Weighted mean of each window that lies wholly in the image."""
+    """Weighted mean of each window that lies entirely in the image."""
     offset = torch.arange(WINDOW, device=image.device, dtype=image.dtype) - WINDOW // 2
     window = torch.exp(-0.5 * (offset / SIGMA).square())
     window = window / window.sum()

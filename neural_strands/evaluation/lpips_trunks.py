@@ -15,7 +15,7 @@ Network = Literal["squeeze", "alex", "vgg"]
 
 @dataclass(frozen=True)
 class TrunkLayout:
-    """After which layers features are taken, and how many channels they have there."""
+    """Layers after which features are taken, and their numbers of channels."""
 
     taps: tuple[int, ...]
     channels: tuple[int, ...]
@@ -33,7 +33,7 @@ class Fire(nn.Module):
     """SqueezeNet's module: a 1 x 1 squeeze, then 1 x 1 and 3 x 3 expansions side by side."""
 
     def __init__(self, incoming: int, squeezed: int, expanded: int) -> None:
-        """`expanded` channels come out of each of the two expansions."""
+        """Each of the two expansions has `expanded` output channels."""
         super().__init__()
         self.squeeze = nn.Conv2d(incoming, squeezed, 1)
         self.expand1x1 = nn.Conv2d(squeezed, expanded, 1)

@@ -107,7 +107,7 @@ def find_file(file: WeightFile, fetch: bool = True) -> Path:
         ) from error
     digest = hashlib.sha256(content).hexdigest()
     if not digest.startswith(file.sha256):
-        raise InputError(f"{file.address}: expected a file with sha256 {file.sha256}, came {digest}; {remedy}.")
+        raise InputError(f"{file.address}: expected a file with sha256 {file.sha256}, found {digest}; {remedy}.")
     with atomic_file(target) as temporary:
         temporary.write_bytes(content)
     return target
@@ -124,7 +124,7 @@ def load_trunk(network: Network, path: Path) -> dict[str, Tensor]:
 
 
 def load_heads(network: Network, path: Path) -> list[Tensor]:
-    """Read the linear heads: one weight a channel for each tap, none negative.
+    """Read the linear heads: one non-negative weight per channel for each tap.
 
     Raises:
         InputError: the file holds other tensors, or anything but tensors.
@@ -142,13 +142,15 @@ def _load(path: Path) -> dict[str, Tensor]:
             f"{path}: expected a file of tensors, but it does not read as one ({type(error).__name__})."
         ) from error
     if not isinstance(stored, dict) or not all(isinstance(value, Tensor) for value in stored.values()):
-        raise InputError(f"{path}: expected a dictionary of tensors, came {type(stored).__name__}.")
+        raise InputError(f"{path}: expected a dictionary of tensors, found {type(stored).__name__}.")
     return stored
 
 
 def _chosen(path: Path, stored: dict[str, Tensor], wanted: dict[str, Tensor]) -> dict[str, Tensor]:
     for name, value in wanted.items():
         if name not in stored or stored[name].shape != value.shape:
-            came = tuple(stored[name].shape) if name in stored else "none"
-            raise InputError(f"{path}: expected {name} of shape {tuple(value.shape)}, came {came}; take another file.")
+            shape = tuple(stored[name].shape) if name in stored else "none"
+            raise InputError(
+                f"{path}: expected {name} of shape {tuple(value.shape)}, found {shape}; take another file."
+            )
     return {name: stored[name].float() for name in wanted}

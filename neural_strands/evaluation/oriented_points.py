@@ -1,4 +1,4 @@
-"""Oriented points: what geometry metrics compare, sampled evenly along grooms and line segments."""
+"""Oriented points, sampled evenly along grooms and line segments, for the geometry metrics."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from neural_strands.geometry.line_segments import LineSegments
 STEP = 5e-4
 """Largest distance between neighbouring samples of a curve, metres."""
 ROUNDING = 1e-4
-"""Share of a step by which float32 may make a curve too long without costing it a sample."""
+"""Share of a step by which rounding may lengthen a curve without adding a sample."""
 SAME_POINT = 1e-8
-"""A vertex this near to the one before it (metres) gives no direction and is skipped."""
+"""A vertex this close to the previous one (metres) has no direction and is skipped."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class OrientedPoints:
     """Points of curves with unit directions.
 
     Attributes:
-        points: positions, metres; the points of one curve follow each other from its root.
+        points: positions, metres; the points of one curve are consecutive, from its root.
         directions: unit tangents.
-        curve: which curve each point lies on, non-decreasing.
+        curve: index of each point's curve, non-decreasing.
         step_index: the number of each point on its curve, from 0 at the root.
     """
 
@@ -42,7 +42,7 @@ class OrientedPoints:
         )
 
     def thinned(self, every: int) -> "OrientedPoints":
-        """Every so many points of each curve, its first always among them."""
+        """Every n-th point of each curve, starting with its first."""
         keep = self.step_index % every == 0
         return OrientedPoints(
             self.points[keep], self.directions[keep], self.curve[keep], self.step_index[keep] // every
@@ -59,11 +59,11 @@ def sample_curves(
     step: float = STEP,
     directions: Float[Tensor, "vertex 3"] | None = None,
 ) -> OrientedPoints:
-    """Sample polylines at equal steps of arc length, `step` metres or a little less, both ends included.
+    """Sample polylines at equal steps of arc length, `step` metres or slightly less, both ends included.
 
     Args:
         vertices: the points of all curves, one curve after the other, metres.
-        offsets: where each curve starts, and the total at the end.
+        offsets: start of each curve, followed by the total number of points.
         step: largest distance between samples, metres.
         directions: unit direction at each vertex; by default that of the polyline itself.
 
@@ -121,7 +121,7 @@ def _without_repeats(
     offsets: Int64[Tensor, " curve_plus_one"],
     directions: Float[Tensor, "vertex 3"] | None,
 ) -> tuple[Float[Tensor, "kept 3"], Int64[Tensor, " kept"], Float[Tensor, "kept 3"] | None]:
-    """Drop the vertices that lie on the one before them; return the rest, their curves and their directions."""
+    """Drop vertices that coincide with the previous one; return the rest, their curves and their directions."""
     numbers = torch.arange(len(offsets) - 1, device=offsets.device)
     curve = torch.repeat_interleave(numbers, offsets[1:] - offsets[:-1])
     if len(vertices) == 0:

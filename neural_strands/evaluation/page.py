@@ -1,4 +1,4 @@
-"""The report: one HTML file with everything inside, that any browser opens."""
+"""The report: one self-contained HTML file."""
 
 import base64
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class Table:
 
     Attributes:
         title: what it shows.
-        heads: one a column.
+        heads: one per column.
         rows: cells, as many as heads.
         note: a sentence below.
     """
@@ -35,7 +35,7 @@ class Gallery:
     Attributes:
         title: what they show.
         pictures: caption and PNG of each.
-        columns: pictures beside each other.
+        columns: pictures per row.
     """
 
     title: str
@@ -50,7 +50,7 @@ class Turntable:
     Attributes:
         title: what turns.
         strips: caption and WebP of each: square frames, evenly spaced over the turn, one below the other.
-        frames: how many each strip holds.
+        frames: number of frames per strip.
         seconds: duration of a turn.
     """
 

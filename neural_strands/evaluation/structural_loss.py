@@ -1,4 +1,4 @@
-"""The image loss that stands in for LPIPS where its weights cannot be had."""
+"""The image loss that replaces LPIPS when its weights are not available."""
 
 import torch
 from jaxtyping import Float
@@ -7,9 +7,9 @@ from torch import Tensor
 from neural_strands.evaluation.image_metrics import WINDOW, masked_mean, ssim_map
 
 SCALES = 4
-"""Most octaves compared: full resolution and its halves, while SSIM's window fits."""
+"""Largest number of octaves compared: full resolution and successive halvings, as long as SSIM's window fits."""
 GRADIENT_WEIGHT = 1.0
-"""Weight of the difference of finite differences beside 1 - SSIM."""
+"""Weight of the difference of finite differences, relative to 1 - SSIM."""
 
 
 def structural_loss(
@@ -19,8 +19,8 @@ def structural_loss(
 ) -> Float[Tensor, "*batch"]:
     """Multi-scale structural loss: at each octave 1 - SSIM plus the absolute difference of image gradients, averaged.
 
-    SSIM compares local means, contrast and structure; the gradients keep thin bright and dark strands apart, which
-    a pixel loss averages. Zero for equal images, about 1 for unrelated ones. Octaves are 2 x 2 means.
+    SSIM compares local means, contrast and structure; the gradients preserve thin bright and dark strands, which a
+    pixel loss averages. Zero for equal images, about 1 for unrelated ones. Octaves are 2 x 2 means.
 
     Args:
         image: sRGB in [0, 1].
@@ -57,7 +57,7 @@ def _gradient_difference(
 def _weighted(
     values: Float[Tensor, "*batch height width"], mask: Float[Tensor, "*batch height width"] | None
 ) -> Float[Tensor, "*batch"]:
-    """Masked mean that is zero, not NaN, where the mask is empty: a crop without hair costs nothing."""
+    """Masked mean that is 0, not NaN, for an empty mask: a crop without hair costs nothing."""
     if mask is None:
         return masked_mean(values, None)
     total = mask.sum(dim=(-2, -1))

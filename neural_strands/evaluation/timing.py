@@ -1,4 +1,4 @@
-"""Timing of a function: median of several runs, the device waited for, peak memory beside it."""
+"""Timing of a function: median of several synchronised runs, and peak memory."""
 
 import statistics
 import sys
@@ -11,15 +11,15 @@ import torch
 
 @dataclass(frozen=True)
 class Timing:
-    """How long a function takes.
+    """Duration and peak memory of a function.
 
     Attributes:
         median: seconds.
-        fastest: seconds; the figure to trust on a machine that others use.
+        fastest: seconds; the most reliable figure on a shared machine.
         slowest: seconds.
         runs: how many were measured.
-        peak_bytes: on CUDA the most memory allocated during the runs; on CPU the most that the process has ever held
-            (0 where the platform does not tell).
+        peak_bytes: on CUDA the most memory allocated during the runs; on CPU the peak of the process so far (0 if the
+            platform does not report it).
     """
 
     median: float
@@ -32,13 +32,13 @@ class Timing:
 def time_function(
     function: Callable[[], object], device: torch.device | str = "cpu", runs: int = 5, warm_up: int = 1
 ) -> Timing:
-    """Call `function` a few times unmeasured, then `runs` times with the clock on.
+    """Call `function` a few times to warm up, then `runs` times with the clock on.
 
     Raises:
         ValueError: fewer than one run.
     """
     if runs < 1:
-        raise ValueError(f"expected at least one run, came {runs}")
+        raise ValueError(f"expected at least one run, found {runs}")
     device = torch.device(device)
     for _ in range(warm_up):
         function()
@@ -55,7 +55,7 @@ def time_function(
 
 
 def peak_memory(device: torch.device | str = "cpu") -> int:
-    """Bytes: CUDA's peak since it was reset, or the peak of this process's resident memory (0 where unknown)."""
+    """Bytes: CUDA's peak since it was reset, or the peak of this process's resident memory (0 if unknown)."""
     device = torch.device(device)
     if device.type == "cuda":
         return torch.cuda.max_memory_allocated(device)

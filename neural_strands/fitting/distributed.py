@@ -10,12 +10,12 @@ from torch import distributed
 from torch.nn import Parameter
 
 PATIENCE = timedelta(hours=2)
-"""How long processes wait for the one that makes segments; NCCL's own limit is ten minutes."""
+"""How long processes wait for the one that computes segments; NCCL's default limit is ten minutes."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """The processes of one fit; `torchrun` starts them, a single process is a group of one.
+    """The processes of one fit. `torchrun` starts them; a single process is a group of one.
 
     Attributes:
         rank: which process this is.
@@ -41,11 +41,11 @@ class Workers:
         return self.rank == 0
 
     def share(self, items: int) -> range:
-        """Which of a step's items are this process's; every item is somebody's."""
+        """The items of a step that belong to this process; every item belongs to one process."""
         return range(self.rank, items, self.count)
 
     def sum_gradients(self, parameters: Iterable[Parameter]) -> None:
-        """Add up the gradients of all processes, where any has one."""
+        """Sum the gradients of all processes, wherever any has one."""
         if self.count == 1:
             return
         for parameter in parameters:
@@ -54,7 +54,7 @@ class Workers:
             parameter.grad = gradient
 
     def wait(self) -> None:
-        """Go on when all processes have come this far."""
+        """Wait until all processes reach this point."""
         if self.count > 1:
             distributed.barrier()
 

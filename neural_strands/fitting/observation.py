@@ -1,4 +1,4 @@
-"""A photograph to be matched, and parts of it."""
+"""A photograph that the fit should match, and regions of it."""
 
 from dataclasses import dataclass
 
@@ -19,11 +19,11 @@ class Place:
     height: int
 
     def of(self, image: Shaped[Tensor, "height width *channels"]) -> Shaped[Tensor, "rows columns *channels"]:
-        """That part of an image."""
+        """This part of an image."""
         return image[self.top : self.top + self.height, self.left : self.left + self.width]
 
     def without_margin(self, margin: int) -> "Place":
-        """The part of a region that carries a loss: at its border the image generator lacks its surroundings."""
+        """The part of a region that carries a loss; at the border the image generator lacks context."""
         edge = margin if min(self.height, self.width) > 4 * margin else 0
         return Place(self.left + edge, self.top + edge, self.width - 2 * edge, self.height - 2 * edge)
 
@@ -43,7 +43,7 @@ class Observation:
     mask: Float[Tensor, "height width"] | None = None
 
     def cropped(self, place: Place) -> "Observation":
-        """Part of the photograph, with the camera that sees just that."""
+        """Part of the photograph, with the camera that sees exactly that part."""
         mask = None if self.mask is None else place.of(self.mask)
         return Observation(
             self.camera.cropped(place.left, place.top, place.width, place.height), place.of(self.image), mask
@@ -53,13 +53,13 @@ class Observation:
 def random_place(
     marked: Bool[Tensor, "height width"] | None, size: tuple[int, int], side: int, stride: int, random: torch.Generator
 ) -> Place:
-    """A square about a random marked pixel, aligned to the image generator's levels.
+    """A square around a random marked pixel, aligned to the image generator's levels.
 
     Args:
         marked: where the middle may lie, by default anywhere; the middle of the image where nothing is marked.
         size: height and width of the image.
         side: of the square, pixels; an image no larger is taken whole.
-        stride: pixels that the corner is a multiple of.
+        stride: the corner is a multiple of this many pixels.
         random: draws the pixel.
     """
     height, width = size

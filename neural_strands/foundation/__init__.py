@@ -1,1 +1,1 @@
-"""What every layer leans on: errors for users, safe files, progress, kernel launches."""
+"""What every layer builds on: errors for users, safe files, progress, kernel launches."""

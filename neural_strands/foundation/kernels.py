@@ -20,14 +20,14 @@ import warp as wp
 from torch import Tensor
 
 Kernel = Any
-"""A `wp.Kernel`; Warp annotates its decorator as returning the plain function."""
+"""A `wp.Kernel`, although Warp annotates its decorator as returning the plain function."""
 SMALLEST_SHARE = 1024
-"""Fewer items than this a thread are not worth a second thread."""
+"""Fewer items per thread than this are not worth another thread."""
 
 
 @functools.cache
 def start_warp() -> None:
-    """Initialise Warp once, its log kept to errors: it writes to standard output, where results belong."""
+    """Initialise Warp once and log only errors, because Warp logs to standard output, where results belong."""
     wp.config.log_level = logging.ERROR
     with _silent_stderr() if not torch.cuda.is_available() else contextlib.nullcontext():
         wp.init()
@@ -35,7 +35,7 @@ def start_warp() -> None:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Keep Warp's native library from telling every user without an NVIDIA driver that there is none."""
+    """Suppress the message of Warp's native library that there is no NVIDIA driver."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
@@ -54,9 +54,9 @@ def array(tensor: Tensor, dtype: Any = None) -> wp.array:
 
 
 def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Zeros for kernels to write, on the CPU without a parallel loop of torch's.
+    """Zeros for kernels to write to, made on the CPU without a parallel loop of torch.
 
-    After such a loop torch's idle threads keep processors busy for milliseconds, which the kernels want.
+    After such a loop torch's idle threads keep processors busy for milliseconds, and the kernels need them.
     """
     if device.type == "cpu":
         return torch.from_numpy(np.zeros(tuple(shape), torch.zeros(0, dtype=dtype).numpy().dtype))
@@ -76,7 +76,7 @@ def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.devi
 
 
 def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
-    """Run a kernel that takes `start` first, its items shared between torch's CPU threads."""
+    """Run a kernel that takes `start` first, with its items split between torch's CPU threads."""
     device = torch.device(device)
     shares = min(torch.get_num_threads(), count // SMALLEST_SHARE)
     if device.type == "cuda" or shares < 2:
@@ -93,10 +93,10 @@ def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torc
 
 
 def run_together(jobs: Sequence[Callable[[], object]]) -> None:
-    """Run jobs that release the interpreter's lock (kernel launches), on one thread each where there is time for it.
+    """Run jobs that release the interpreter's lock (kernel launches), each on its own thread if possible.
 
-    The caller's thread runs the first, and then those that no other thread has begun: on a busy machine a thread may
-    wait longer for a processor than its job takes.
+    The caller's thread runs the first job, and then those that no other thread has started: on a busy machine a thread
+    may wait longer for a processor than its job takes.
     """
     if len(jobs) == 1:
         jobs[0]()
@@ -122,5 +122,5 @@ def load(kernel: Kernel, device: torch.device | str) -> None:
 
 
 def _warp_device(device: torch.device) -> Any:
-    """Warp's name of a CUDA device; Warp itself knows no device without a number, torch's current one."""
+    """Warp's name of a CUDA device. Warp needs a number, so a device without one becomes torch's current device."""
     return wp.device_from_torch(torch.device("cuda", torch.cuda.current_device()) if device.index is None else device)

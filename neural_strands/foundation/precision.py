@@ -1,4 +1,4 @@
-"""How exactly CUDA computes."""
+"""The precision of CUDA convolutions."""
 
 import contextlib
 from collections.abc import Iterator
@@ -8,10 +8,10 @@ import torch
 
 @contextlib.contextmanager
 def exact_convolutions() -> Iterator[None]:
-    """Convolutions in float32 proper: cuDNN rounds what it multiplies to 11 bits (TF32) unless it is told not to.
+    """Convolutions in full float32: by default cuDNN rounds the factors to 11 bits (TF32).
 
-    A variance taken as the mean of squares less the square of the mean does not survive that. The setting is the
-    process's; it is put back at the end.
+    A variance computed as the mean of squares minus the square of the mean does not survive that. The setting belongs
+    to the process and is restored at the end.
     """
     before = torch.backends.cudnn.allow_tf32
     torch.backends.cudnn.allow_tf32 = False

@@ -1,4 +1,4 @@
-"""How a long computation tells a person where it is: sentences, and progress on standard error."""
+"""Reports of a long computation: sentences, and progress on standard error."""
 
 import sys
 import time
@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 T = TypeVar("T")
 
 SECONDS_A_LINE = 60.0
-"""Without a terminal a long loop says where it is this often."""
+"""Seconds between progress lines when there is no terminal."""
 
 
 def _unsaid(_: str) -> None:
@@ -25,10 +25,10 @@ def _untracked(items: Iterable[Any], _description: str, _total: int | None = Non
 
 @dataclass(frozen=True)
 class Feedback:
-    """Whom a long computation tells what it is doing; by default nobody.
+    """Receives the reports of a long computation; by default they are dropped.
 
     Attributes:
-        say: told one sentence at each stage.
+        say: receives one sentence at each stage.
         track: shows the progress of a loop: given the items, a description and their number, it returns the items.
     """
 
@@ -54,7 +54,7 @@ def track(
     total: int | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[T]:
-    """Yield `items` while standard error shows how many are done: a bar on a terminal, else one line a minute."""
+    """Yield `items`; standard error shows how many are done: a bar on a terminal, else one line per minute."""
     if sys.stderr.isatty():
         with progress_bar() as bar:
             yield from bar.track(items, total=total, description=description)

@@ -1,6 +1,6 @@
 """`.data` files (USC-HairSalon): int32 strands, then for each strand int32 points and that many float32 triples.
 
-Kept: points, as float32. Nothing else has a place in it.
+Kept: points, as float32. The format stores nothing else.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
 """`.hair` files (Cem Yuksel's HAIR format): a header of 128 bytes, then one array after the other.
 
-Kept: points, widths ("thickness", a value a point) and colours (a value a point: each strand's mean is read, its
-colour repeated is written), all float32. Root uv and normals have no place in it. The header's default thickness,
-transparency and colour are hints for a viewer, not measurements, and are not read.
+Kept: points, widths ("thickness", one value per point) and colours (one value per point: the mean of each strand is
+read, its colour is written at every point), all float32. Root uv and normals cannot be stored. The header's default
+thickness, transparency and colour are hints for a viewer, not measurements, and are not read.
 """
 
 import struct
@@ -43,7 +43,7 @@ def read_hair(path: Path) -> Groom:
             require_bytes(path, end, claimed, len(data), f"arrays for {strands} strands and {points} points")
             starts[flag] = end
             end += claimed
-    # Without an array the default holds for all; it is compared before as many numbers as strands are made.
+    # Without an array the default holds for all strands; it is checked before an array of that size is made.
     total = strands * (default + 1)
     sizes = np.zeros(0, dtype=np.int64)
     if flags & SEGMENTS:
@@ -79,7 +79,7 @@ def write_hair(path: Path, groom: Groom) -> None:
     """
     sizes = groom.sizes.cpu().numpy()
     if len(groom) and int(sizes.max()) - 1 > MOST_SEGMENTS:
-        message = f"expected at most {MOST_SEGMENTS} segments a strand in a .hair file, found {sizes.max() - 1}"
+        message = f"expected at most {MOST_SEGMENTS} segments per strand in a .hair file, found {sizes.max() - 1}"
         raise InputError(f"{path}: {message}; resample the groom or choose another format.")
     flags = SEGMENTS | POINTS | (THICKNESS if groom.width is not None else 0)
     flags |= COLORS if groom.color is not None else 0
@@ -95,7 +95,7 @@ def write_hair(path: Path, groom: Groom) -> None:
 
 
 def _mean(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Mean of each strand's rows; bad numbers stay bad, so that the checks see them.
+    """Mean of each strand's rows; numbers that are not finite stay so, for the checks to find.
 
     In double precision the mean of equal float32 values is that value exactly.
     """

@@ -22,7 +22,7 @@ def _read_either_tfx(path: Path) -> Groom:
 
 
 def _write_either_tfx(path: Path, groom: Groom) -> None:
-    """Version 4 where every strand has the same number of points, else version 2, which allows any."""
+    """Version 4 if all strands have the same number of points, otherwise version 2, which allows any."""
     (write_tfx_text if groom.uniform_size is None else write_tfx)(path, groom)
 
 
@@ -53,7 +53,7 @@ WRITERS: dict[str, Callable[[Path, Groom], None]] = {
 
 
 def read_groom(path: Path | str) -> Groom:
-    """Read a groom, in the unit and axes of its file (USD: turned to metres, y up).
+    """Read a groom, in the unit and axes of its file (USD: converted to metres, y up).
 
     Raises:
         InputError: the suffix is unknown, or the file is not what it claims to be.
@@ -65,10 +65,10 @@ def read_groom(path: Path | str) -> Groom:
 
 
 def write_groom(path: Path | str, groom: Groom) -> None:
-    """Write a groom, whole or not at all; each format's module says which attributes it keeps.
+    """Write a groom, completely or not at all; the module of each format says which attributes it keeps.
 
     Raises:
-        InputError: the suffix is unknown, the groom holds what no reader would take back, or the disk refuses.
+        InputError: the suffix is unknown, the groom holds values that no reader accepts, or the file cannot be written.
     """
     path = Path(path)
     writer = WRITERS[_suffix(path)]
@@ -78,10 +78,10 @@ def write_groom(path: Path | str, groom: Groom) -> None:
 
 
 def check_suffix(path: Path | str) -> None:
-    """Refuse a name whose suffix no writer takes, before work is done for it.
+    """Reject a name whose suffix no writer supports, before any work is done.
 
     Raises:
-        InputError: naming the suffixes there are.
+        InputError: names the supported suffixes.
     """
     _suffix(Path(path))
 

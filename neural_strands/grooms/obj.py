@@ -1,7 +1,7 @@
-"""`.obj` files: one polyline (`l`) a strand, the root first; written by Maya, Houdini, XGen and research code.
+"""`.obj` files: one polyline (`l`) per strand, root first; written by Maya, Houdini, XGen and research code.
 
-Kept: points, in text that gives back every float32 exactly. Nothing else has a place in it. Lines that go on from
-the last point of the line before (`l 1 2`, `l 2 3`, as Blender writes loose edges) are joined into one strand.
+Kept: points, in text that restores every float32 exactly. The format stores nothing else. Lines that continue from the
+last point of the previous line (`l 1 2`, `l 2 3`, as Blender writes loose edges) are joined into one strand.
 """
 
 import itertools
@@ -22,7 +22,7 @@ def read_obj(path: Path) -> Groom:
     """Read the polylines of an `.obj` file.
 
     Raises:
-        InputError: it holds no polylines, or they name vertices that are not there.
+        InputError: it holds no polylines, or they name vertices that do not exist.
     """
     data = read_groom_bytes(path)
     if b"\\\n" in data:
@@ -48,7 +48,7 @@ def read_obj(path: Path) -> Groom:
     element_line = np.flatnonzero(is_line)
     if counts.min() < 2:
         line = int(element_line[int((counts < 2).argmax())])
-        raise refuse(path, lines.where(line), "at least two points a strand", str(int(counts.min())))
+        raise refuse(path, lines.where(line), "at least two points per strand", str(int(counts.min())))
     line_of = np.repeat(element_line, counts)
     defined = np.searchsorted(vertex_line, line_of)
     # Indices count from 1; a negative one counts back from the vertices defined before its line.
@@ -69,7 +69,7 @@ def read_obj(path: Path) -> Groom:
 
 
 def write_obj(path: Path, groom: Groom) -> None:
-    """Write one `v` line a point and one `l` line a strand."""
+    """Write one `v` line per point and one `l` line per strand."""
     points = groom.vertices.cpu().float().numpy()
     text = "v %.9g %.9g %.9g\n" * len(points) % tuple(points.reshape(-1).tolist())
     offsets = groom.offsets.cpu().tolist()

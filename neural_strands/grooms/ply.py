@@ -1,7 +1,7 @@
-"""`.ply` files: vertices and edges, as Blender, MeshLab and trimesh read them; binary is written, text read as well.
+"""`.ply` files: vertices and edges, as Blender, MeshLab and trimesh read them; written as binary, read as text too.
 
-Kept, as float32: points, widths (a property of the vertices), and in an element `strand` of our own, which other
-programs skip, root uv, root normal, colour and the unseen share. Edges that follow each other are joined into strands.
+Kept, as float32: points, widths (a property of the vertices), and in our own element `strand`, which other programs
+skip, root uv, root normal, colour and the unseen share. Consecutive edges are joined into strands.
 """
 
 import re
@@ -150,7 +150,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[Element], int]:
 def _tables(
     path: Path, data: bytes, encoding: str, elements: list[Element], body: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Callable[[int], str]]]:
-    """Return the tables of numbers as structured arrays, and for each what says where a row stands."""
+    """Return the tables of numbers as structured arrays, each with a function that locates a row in the file."""
     if encoding == "ascii":
         return _text_tables(path, data, elements, body)
     order = "<" if encoding == "binary_little_endian" else ">"
@@ -170,7 +170,7 @@ def _tables(
 def _text_tables(
     path: Path, data: bytes, elements: list[Element], body: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Callable[[int], str]]]:
-    """The same for `format ascii`: a row a line."""
+    """The same for `format ascii`: one row per line."""
     lines = Lines(path, data)
     filled = np.flatnonzero((lines.word_count > 0) & (lines.start >= body))
     tables, starts, end = {}, {}, 0
@@ -196,7 +196,7 @@ def _text_tables(
 
 
 def _dtype(path: Path, element: Element, order: str) -> np.dtype:
-    """The row of a table, packed."""
+    """The row type of a table, packed."""
     names = [name for name, _ in element.properties or ()]
     if len(set(names)) < len(names):
         raise refuse(path, "byte 0", f"properties of {element.name} that differ", excerpt(", ".join(names)))

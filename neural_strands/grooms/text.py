@@ -1,4 +1,4 @@
-"""Fast reading of numbers from lines of text, with the line and byte of whatever is wrong."""
+"""Fast reading of numbers from lines of text, with the line and byte of any error."""
 
 import re
 import warnings
@@ -10,13 +10,13 @@ from neural_strands.foundation.errors import excerpt
 from neural_strands.grooms.checks import refuse
 
 IS_SPACE = np.zeros(256, dtype=bool)
-"""Bytes that part numbers: what the C library calls white space."""
+"""Bytes that separate numbers: white space as the C library defines it."""
 IS_SPACE[[9, 10, 11, 12, 13, 32]] = True
 NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
 class Lines:
-    """The lines of a file and their words (runs of bytes that are not white space), found at once.
+    """The lines of a file and their words (runs of bytes that are not white space), found in one pass.
 
     Attributes:
         buffer: every byte of the file.
@@ -43,11 +43,11 @@ class Lines:
         return len(self.start)
 
     def where(self, line: int, byte: int | None = None) -> str:
-        """Say where a line (counted from 0 here, from 1 for the user) or a byte of it stands."""
+        """Describe the position of a line (counted from 0 here, from 1 for the user) or of a byte in it."""
         return f"line {line + 1} (byte {int(self.start[line]) if byte is None else byte})"
 
     def keyword(self, letter: bytes) -> np.ndarray:
-        """Which lines have this one letter as their first word."""
+        """The lines whose first word is this letter."""
         found = np.zeros(len(self), dtype=bool)
         lines = np.flatnonzero(self.word_count > 0)
         begin = self.word[self.first_word[lines]]
@@ -60,11 +60,11 @@ class Lines:
         """Read every number of the chosen lines.
 
         Args:
-            chosen: one boolean a line.
+            chosen: one boolean per line.
             skip_word: leave out each line's first word, which is one letter.
 
         Returns:
-            The numbers in double precision, and how many each chosen line holds.
+            The numbers in double precision, and the count of each chosen line.
 
         Raises:
             InputError: a word is not a number.
@@ -90,7 +90,7 @@ class Lines:
         return values, counts
 
     def _not_a_number(self, chosen: np.ndarray, skip_word: bool) -> Exception:
-        """Find the first word that is no number, slowly."""
+        """Find the first word that is not a number, slowly."""
         for line in np.flatnonzero(chosen).tolist():
             first = self.first_word[line] + int(skip_word)
             for byte in self.word[first : self.first_word[line] + self.word_count[line]].tolist():

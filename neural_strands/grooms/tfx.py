@@ -1,8 +1,8 @@
 """`.tfx` files of TressFX 4: a binary header of 160 bytes with offsets, then arrays.
 
-Kept, as float32: points (every strand needs the same number; TressFX itself takes 4, 8, 16, 32 or 64), root uv,
-one width a strand (the mean along it is written) and one colour a strand (repeated for each vertex; alpha 1).
-Root normals have no place in it. The fourth coordinate of a point is its inverse mass: 0 at the root, 1 elsewhere.
+Kept, as float32: points (every strand needs the same number; TressFX itself takes 4, 8, 16, 32 or 64), root uv, one
+width per strand (the mean along it is written) and one colour per strand (repeated for each vertex; alpha 1). Root
+normals cannot be stored. The fourth coordinate of a point is its inverse mass: 0 at the root, 1 elsewhere.
 """
 
 import struct
@@ -15,7 +15,7 @@ from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse, 
 from neural_strands.grooms.groom import Groom
 
 HEADER = struct.Struct("<f7I128x")
-"""Version, strands, points a strand, byte offsets of positions, root uv, vertex uv, thickness, colours; reserved."""
+"""Version, strands, points per strand, byte offsets of positions, root uv, vertex uv, thickness, colours; reserved."""
 
 
 def read_tfx(path: Path) -> Groom:
@@ -30,7 +30,7 @@ def read_tfx(path: Path) -> Groom:
     if not 4.0 <= version < 5.0:
         raise refuse(path, "byte 0", "TressFX version 4 (binary) or the word version (text)", f"{version:g}")
     if points < 2 and strands > 0:
-        raise refuse(path, "byte 8", "at least two points a strand", str(points))
+        raise refuse(path, "byte 8", "at least two points per strand", str(points))
     total = strands * points
     parts = {
         "vertices": (at_position, 4, total),

@@ -1,8 +1,8 @@
-"""`.tfx` files of TressFX 2: text; for each strand its number of points and root uv, then a point a line.
+"""`.tfx` files of TressFX 2: text; for each strand its number of points and root uv, then one point per line.
 
-Kept: points and root uv, in text that gives back every float32 exactly. Strands may differ in their number of
-points. Nothing else has a place in it. A header that scales, turns or moves the hair is refused, because programs
-disagree on the order.
+Kept: points and root uv, in text that restores every float32 exactly. Strands may differ in their number of points. The
+format stores nothing else. A header that scales, rotates or moves the hair is rejected, because programs disagree on
+the order.
 """
 
 import re
@@ -87,7 +87,7 @@ def write_tfx_text(path: Path, groom: Groom) -> None:
 
 
 def _header(lines: Lines, filled: np.ndarray, end: int) -> tuple[int, int] | None:
-    """Read the lines before the first strand: the claimed number of strands and its line, if it is there."""
+    """Read the lines before the first strand: the claimed number of strands and its line, if present."""
     claimed = None
     for line in filled[filled < end][:64]:
         begin = int(lines.start[line])
@@ -122,10 +122,10 @@ def _pair(lines: Lines, line: int, match: re.Match[bytes]) -> tuple[float, float
 
 
 def _check_counts(lines: Lines, strand_line: np.ndarray, point_line: np.ndarray, sizes: np.ndarray) -> None:
-    """Refuse strands whose number of lines is not the number they claim.
+    """Reject strands whose number of lines differs from the number they claim.
 
     Raises:
-        InputError: naming the first such strand's line.
+        InputError: names the line of the first such strand.
     """
     found = np.diff(np.append(np.searchsorted(point_line, strand_line), len(point_line)))
     if (wrong := found != sizes).any():
@@ -135,7 +135,7 @@ def _check_counts(lines: Lines, strand_line: np.ndarray, point_line: np.ndarray,
 
 
 def is_tfx_text(path: Path) -> bool:
-    """Say whether a `.tfx` file is text: whether it begins with the word version.
+    """Whether a `.tfx` file is text, that is, begins with the word version.
 
     Raises:
         InputError: it cannot be read.

@@ -1,10 +1,10 @@
 """USD files (`.usd`, `.usdc` binary; `.usda` text): strands as one BasisCurves prim, as Blender and Houdini open it.
 
-Kept, as float32: points, root uv (primvar `st`, a value a strand), root normals (primvar `rootNormal`), widths
-(`widths`, a value a point), colours (`displayColor`, a value a strand) and the share of a strand that no photograph
-could see (primvar `unseen`). Written linear, in metres, y up, rooted at the first point. Read from every BasisCurves
-prim of the stage, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), through the transforms above
-it, metersPerUnit and upAxis, into metres, y up, +z front.
+Kept, as float32: points, root uv (primvar `st`, one value per strand), root normals (primvar `rootNormal`), widths
+(`widths`, one value per point), colours (`displayColor`, one value per strand) and the share of a strand that no
+photograph could see (primvar `unseen`). Written linear, in metres, y up, rooted at the first point. Read from every
+BasisCurves prim of the stage, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), through the
+transforms above it, metersPerUnit and upAxis, into metres, y up, +z front.
 """
 
 import json
@@ -23,7 +23,7 @@ from neural_strands.grooms.groom import ATTRIBUTES, Groom
 from neural_strands.grooms.usd_worker import PRIMVARS, REFUSED, pxr_module
 
 LONGEST_READ = 600
-"""Seconds after which a stage is given up."""
+"""Seconds after which reading a stage is abandoned."""
 CRATE_HEADER = 24
 """Magic (8 bytes), version (8) and the offset of the table of contents (8) of a binary file."""
 VALUE_TYPES = {
@@ -36,10 +36,10 @@ VALUE_TYPES = {
 
 
 def read_usd(path: Path) -> Groom:
-    """Read every curve of a USD stage, in a process of its own (see usd_worker).
+    """Read every curve of a USD stage, in a separate process (see usd_worker).
 
     Raises:
-        InputError: it is no stage, holds no curves, or its arrays disagree.
+        InputError: it is not a stage, holds no curves, or its arrays disagree.
     """
     _check_container(path)
     with tempfile.TemporaryDirectory() as folder:
@@ -68,7 +68,7 @@ def read_usd(path: Path) -> Groom:
     attributes = {name: arrays.get(name) for name in ATTRIBUTES}
 
     def locate(name: str, row: int) -> str:
-        """USD does not say where its arrays lie; the row is named."""
+        """USD does not report the position of its arrays, so the row is named."""
         return f"byte 0 (curves, row {row} of {name})"
 
     return build_groom(path, arrays["points"], arrays["sizes"], locate, attributes)
@@ -111,10 +111,10 @@ def write_usd(path: Path, groom: Groom) -> None:
 
 
 def _check_container(path: Path) -> None:
-    """Refuse a file that is neither text nor a binary stage whose table of contents lies inside it.
+    """Reject a file that is neither text nor a binary stage whose table of contents lies inside it.
 
     Raises:
-        InputError: saying what is wrong.
+        InputError: says what is wrong.
     """
     data = read_groom_bytes(path)
     if data.startswith(b"#usda") and path.suffix.lower() != ".usdc":

@@ -1,11 +1,11 @@
-"""Cubic curves as polylines: the bases of USD's BasisCurves, evaluated at several points a segment."""
+"""Cubic curves as polylines: the bases of USD's BasisCurves, evaluated at several points per segment."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 SAMPLES = 4
-"""Points a cubic segment."""
+"""Points per cubic segment."""
 MATRICES = {
     "bezier": np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]], dtype=np.float64),
     "bspline": np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0,
@@ -28,7 +28,8 @@ class Curves:
     Attributes:
         points: one curve after the other, (point, 3).
         sizes: points of each curve.
-        attributes: arrays by the attribute names of a groom; `width` has a row a point, the others a row a curve.
+        attributes: arrays by the attribute names of a groom; `width` has one row per point, the others one row per
+            curve.
     """
 
     points: np.ndarray
@@ -43,7 +44,7 @@ def sampled(place: str, curves: Curves, basis: str, pinned: bool) -> Curves:
     (2 p0 - p1), as USD defines it.
 
     Raises:
-        StageError: an unknown basis, or numbers of points that it does not allow.
+        StageError: the basis is unknown, or does not allow the number of points.
     """
     if basis == "linear":
         return curves
@@ -82,7 +83,7 @@ def _with_phantoms(values: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, n
     before = 2 * values[starts] - values[starts + 1]
     after = 2 * values[ends - 1] - values[ends - 2]
     where = np.concatenate([starts, ends])
-    # At a border the phantom after one curve comes before the phantom ahead of the next.
+    # At a boundary, the phantom after one curve precedes the phantom before the next.
     border = np.lexsort((np.concatenate([np.ones(len(starts)), np.zeros(len(ends))]), where))
     return np.insert(values, where[border], np.concatenate([before, after])[border], axis=0), sizes + 2
 

@@ -1,9 +1,10 @@
-"""Reads a USD stage in a process of its own: `python -m neural_strands.grooms.usd_worker STAGE ARRAYS`.
+"""Reads a USD stage in a separate process: `python -m neural_strands.grooms.usd_worker STAGE ARRAYS`.
 
-USD's library can crash on a damaged binary file, prints to standard error as it likes, and believes the sizes that a
-file claims. Here a crash ends this process only, its chatter goes nowhere, and its memory is bounded. Success writes
-the arrays of a groom as an .npz file and exits with 0; a stage that is refused is one JSON list on standard output
-(where, expected, found, advice) and exit status 3. Imports stay light (no torch): the start costs the user time.
+USD's library can crash on a damaged binary file, prints to standard error, and trusts the sizes that a file claims.
+Here a crash ends only this process, its messages are dropped, and its memory is bounded. On success the arrays of a
+groom are written as an .npz file and the exit status is 0. A stage that is rejected gives one JSON list on standard
+output (where, expected, found, advice) and exit status 3. Imports stay light (no torch), so that the process starts
+quickly.
 """
 
 import importlib
@@ -17,11 +18,11 @@ import numpy as np
 from neural_strands.grooms.usd_curves import Curves, StageError, sampled
 
 REFUSED = 3
-"""Exit status of a stage that was refused with a reason."""
+"""Exit status for a stage that was rejected with a reason."""
 BASE_MEMORY = 2**30
 """Bytes of memory allowed to any stage."""
 MEMORY_PER_BYTE = 64
-"""Bytes of memory allowed beside that for each byte of the file."""
+"""Additional bytes of memory allowed for each byte of the file."""
 PRIMVARS: dict[str, tuple[str, tuple[int, ...]]] = {
     "root_uv": ("st", (2,)),
     "root_normal": ("rootNormal", (3,)),
@@ -45,7 +46,7 @@ def main(source: Path, target: Path) -> int:
 
 
 def read_stage(path: Path) -> dict[str, np.ndarray]:
-    """Return `points`, `sizes` and the attributes that every prim of curves has, in metres, y up.
+    """Return `points`, `sizes` and the attributes that all prims of curves have, in metres, y up.
 
     Raises:
         StageError: it is no stage, holds no curves, or its arrays disagree.
@@ -71,7 +72,7 @@ def read_stage(path: Path) -> dict[str, np.ndarray]:
 
 
 def pxr_module(name: str) -> Any:
-    """Import a module of USD where it is used; its stubs name nothing."""
+    """Import a module of USD where it is used; its type stubs are incomplete."""
     return importlib.import_module(f"pxr.{name}")
 
 
@@ -121,7 +122,7 @@ def _curves(prim: Any, scale: float, up: str) -> Curves:
 
 
 def _bound_memory(limit: int) -> None:
-    """Let allocations beyond `limit` bytes fail, where the system can."""
+    """Let allocations beyond `limit` bytes fail, if the system supports it."""
     try:
         resource = importlib.import_module("resource")
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)

@@ -1,4 +1,4 @@
-"""Which segments are hair where no masks say so: hair hangs together in large masses, specks apart from it are none."""
+"""Hair without masks: hair forms large connected masses, and specks apart from them are not hair."""
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from neural_strands.geometry.line_segments import LineSegments
 
 
 def large_masses(segments: LineSegments, cell: float, share: float) -> LineSegments:
-    """Segments of masses of points whose cells of `cell` metres touch; small masses are left out.
+    """Segments of the large masses of points, whose cells of `cell` metres touch; small masses are left out.
 
     Args:
         segments: chains whose neighbouring points are nearer than a cell, so that no chain is cut.
@@ -21,7 +21,7 @@ def large_masses(segments: LineSegments, cell: float, share: float) -> LineSegme
         return segments
     index = torch.floor(segments.points / cell).long().cpu()
     cells, inverse = torch.unique(index, dim=0, return_inverse=True)
-    # Cells that touch, at a corner at least, are sqrt(3) apart at most.
+    # Cells that touch, if only at a corner, are at most sqrt(3) apart.
     pairs = KDTree(cells.numpy()).query_pairs(1.8, output_type="ndarray")
     touching = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
     mass = torch.from_numpy(connected_components(touching, directed=False)[1]).long()[inverse]

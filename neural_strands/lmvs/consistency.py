@@ -1,4 +1,4 @@
-"""Multi-view consistency: which lines of a view other views confirm."""
+"""Multi-view consistency: the lines of a view that other views confirm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ class OrientedPoints:
     Attributes:
         points: world metres.
         directions: unit, unsigned.
-        weight: how sure each is, in [0, 1].
-        view: which view each came from.
+        weight: confidence of each, in [0, 1].
+        view: index of the view of each.
     """
 
     points: Float[Tensor, "point 3"]
@@ -28,7 +28,7 @@ class OrientedPoints:
     view: Int64[Tensor, " point"]
 
     def select(self, keep: Tensor) -> "OrientedPoints":
-        """Keep the points that a boolean or integer index names."""
+        """Keep the points selected by a boolean or integer index."""
         return OrientedPoints(self.points[keep], self.directions[keep], self.weight[keep], self.view[keep])
 
 
@@ -51,9 +51,9 @@ def confirmations(
     angle: float,
     stride: int,
 ) -> Float[Tensor, " point"]:
-    """How many other views see, where a point projects, a line within `distance` metres and `angle` radians of it.
+    """Number of other views that see a line within `distance` metres and `angle` radians of a point at its projection.
 
-    Each counts the less the farther it is off: one that agrees closely is worth two that agree roughly.
+    A view counts less the further its line is off; one that agrees closely is worth two that agree roughly.
 
     Args:
         points: positions, metres.
@@ -61,7 +61,7 @@ def confirmations(
         others: the other views and their lines.
         distance: metres.
         angle: radians.
-        stride: every how many-th pixel has a line; the one in the same block of pixels is asked.
+        stride: spacing of the pixels that have a line; the line of the same block of pixels is used.
     """
     votes = points.new_zeros(len(points))
     for camera, lines in others:
@@ -73,7 +73,7 @@ def confirmations(
 
 
 def _line_at(points: Float[Tensor, "point 3"], camera: Camera, lines: LineMap, stride: int) -> Int64[Tensor, " point"]:
-    """Index of the line that a view has where each point projects, -1 where it has none."""
+    """Index of the view's line at the projection of each point, -1 if there is none."""
     shape = (camera.height // stride + 1, camera.width // stride + 1)
     index = torch.full(shape, -1, dtype=torch.int64, device=points.device)
     block = torch.div(lines.pixel, stride, rounding_mode="floor")

@@ -1,4 +1,4 @@
-"""What the matcher reads of a view: orientation, its confidence and brightness per pixel, and which pixels are hair."""
+"""Input of the matcher from a view: orientation, its confidence and brightness per pixel, and the pixels of hair."""
 
 import math
 from dataclasses import dataclass
@@ -13,28 +13,28 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, luma, orientation_map
 
 LEAST_COHERENCE = 0.12
-"""Mean confidence of orientation below which a neighbourhood is no hair."""
+"""Mean confidence of orientation below which a neighbourhood is not hair."""
 LEAST_SHARE = 0.15
-"""Patches of texture smaller than this share of the largest are no hair."""
+"""Patches of texture smaller than this share of the largest are not hair."""
 PATCH = 1 / 40
-"""Over how large a share of the photograph's longer side streaks must be dense to be hair."""
+"""Size of the neighbourhood in which streaks must be dense to be hair, as a share of the photograph's longer side."""
 LEAST_STRENGTH = 0.65
-"""Of the density of streaks in the densest places, what hair has at least."""
+"""Smallest density of streaks in hair, as a share of that in the densest places."""
 DARKEST = 0.02
-"""Added to brightness, so that noise in black is no streak."""
+"""Added to brightness, so that noise in black areas is not a streak."""
 CROP_MARGIN = 24
-"""Pixels about the hair that are filtered with it."""
+"""Pixels around the hair that are filtered with it."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """One view made ready.
+    """One view, prepared.
 
     Attributes:
         camera: the view's camera.
         texture: c cos 2a, c sin 2a, c, brightness; a the orientation, c its confidence.
         hair: which pixels are hair.
-        silhouette: hair and what may be hair, for the hull: a stray thin hair must not be carved away.
+        silhouette: hair and pixels that may be hair, for the hull: a thin stray hair must not be carved away.
     """
 
     camera: Camera
@@ -57,14 +57,14 @@ def view_features(
     config: OrientationConfig,
     brightness_blur: float = 0.7,
 ) -> tuple[Features, OrientationMap]:
-    """Orientation and brightness of a view; without a mask, hair is where the orientation is sure and strong.
+    """Orientation and brightness of a view; without a mask, hair is where the orientation is confident and strong.
 
     Brightness is blurred by `brightness_blur` pixels: sensor and path-tracing noise is white, streaks are not.
     """
     brightness = luma(image)
     seen = orientation_map(brightness, config) if mask is None else _cropped(brightness, mask, config)
     if mask is None:
-        # Hair's streaks are light and shade, in proportion to its colour: dark hair shows them in the logarithm alone.
+        # Streaks of hair are shading, proportional to its colour, so dark hair shows them only in the logarithm.
         hair = hair_pixels(orientation_map(torch.log(brightness + DARKEST), config))
         silhouette = torch.ones_like(hair)
     else:
@@ -86,7 +86,7 @@ def view_features(
 def _cropped(
     brightness: Float[Tensor, "height width"], mask: Float[Tensor, "height width"], config: OrientationConfig
 ) -> OrientationMap:
-    """Orientation about the hair only: zero confidence elsewhere."""
+    """Orientation around the hair only; zero confidence elsewhere."""
     row, column = torch.nonzero(mask > 0.1, as_tuple=True)
     full = OrientationMap(*(torch.zeros_like(brightness) for _ in range(3)))
     if len(row) == 0:
@@ -99,9 +99,10 @@ def _cropped(
 
 
 def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:
-    """Where streaks lie dense and of one direction over a neighbourhood.
+    """Pixels where streaks are dense and of one direction over a neighbourhood.
 
-    The root of their strength is averaged: many streaks count for more than one strong edge, as of a collar.
+    The square root of their strength is averaged, so that many streaks count more than one strong edge, such as a
+    collar.
     """
     sigma = PATCH * max(seen.angle.shape)
     smooth = gaussian_blur((seen.energy * seen.confidence).clamp(min=0).sqrt(), sigma)

@@ -22,7 +22,7 @@ DIRECTION_TOLERANCE = 0.01
 
 
 def save_segments(path: Path, segments: LineSegments) -> None:
-    """Write segments; the suffix, .npz or .ply, says how.
+    """Write segments as .npz or .ply, by the suffix.
 
     The PLY is binary: vertices x y z, nx ny nz (the direction), confidence, segment_id, and one edge between the
     neighbouring points of each segment.

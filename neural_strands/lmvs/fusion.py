@@ -1,7 +1,8 @@
-"""From the lines of all views to one oriented cloud: what views contradict is dropped, gaps are filled with guesses.
+"""From the lines of all views to one oriented cloud: contradicted lines are dropped, gaps are filled with guesses.
 
-A line that other views confirm is nearly always hair. One that none confirms is hair four times in five, but mostly
-hair that no other view sees, so nothing else can stand for it: it is kept where nothing confirmed is near, thinned.
+A line that other views confirm is nearly always hair. A line that none confirms is hair four times out of five, mostly
+hair that no other view sees, so nothing else can replace it: such lines are thinned and kept where nothing confirmed is
+near.
 """
 
 import torch
@@ -17,16 +18,16 @@ GUESS = 0.1
 
 
 def cell_keys(points: Float[Tensor, "point 3"], cell: float) -> Int64[Tensor, " point"]:
-    """One number for the cell of `cell` metres that each point lies in."""
+    """One number per point for the cell of `cell` metres in which it lies."""
     index = torch.floor(points / cell).long() + 2**20
     return (index[:, 0] << 42) + (index[:, 1] << 21) + index[:, 2]
 
 
 def fill_gaps(guesses: OrientedPoints, confirmed: OrientedPoints, cell: float) -> OrientedPoints:
-    """Of each cell of `cell` metres that holds no confirmed line, the guess of most weight."""
+    """The guess with the largest weight in each cell of `cell` metres that holds no confirmed line."""
     keys = cell_keys(guesses.points, cell)
     free = torch.nonzero(~torch.isin(keys, torch.unique(cell_keys(confirmed.points, cell)))).squeeze(1)
-    # Stable sorts by weight, then by cell: the first of a cell is its best, of equals the one that came first.
+    # Stable sorts by weight, then by cell: the first of a cell is its best, and the earliest among equals.
     order = free[torch.argsort(guesses.weight[free], descending=True, stable=True)]
     order = order[torch.argsort(keys[order], stable=True)]
     first = torch.ones(len(order), dtype=torch.bool, device=keys.device)
@@ -35,7 +36,7 @@ def fill_gaps(guesses: OrientedPoints, confirmed: OrientedPoints, cell: float) -
 
 
 def best_share(cloud: OrientedPoints, share: float) -> OrientedPoints:
-    """This share of the points, those of most weight."""
+    """The share of the points with the largest weights."""
     order = torch.argsort(cloud.weight, descending=True, stable=True)
     return cloud.select(order[: round(share * len(order))])
 
@@ -46,10 +47,10 @@ def share_reached(
     """Share of the room for hair that has a segment's point within `reach` metres.
 
     Args:
-        room: points spread evenly over it; at most `most` of them are asked.
+        room: points spread evenly over it; at most `most` of them are tested.
         points: of segments.
         reach: metres.
-        most: how many are enough: the share's standard error is then below 0.4 %.
+        most: number of points that suffices; the standard error of the share is then below 0.4%.
     """
     asked = room[:: max(1, -(-len(room) // most))]
     if len(asked) == 0:

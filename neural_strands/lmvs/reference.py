@@ -1,4 +1,4 @@
-"""Plain torch twins of the kernels' functions: slow, and what tests hold the kernels to."""
+"""Plain torch twins of the kernels' functions: slow; tests compare the kernels with them."""
 
 import math
 from typing import Any

@@ -13,7 +13,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 
 FIRST_HIT = 0.1
-"""Quantile of the depths about a stroke's pixel that stands for the hair that was drawn on."""
+"""Quantile of the depths around a stroke's pixel that is taken as the depth of the hair."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def _stroke(entry: JsonValue, cameras: Sequence[Camera]) -> Stroke:
 
 
 def lift_stroke(stroke: Stroke, segments: LineSegments) -> Float[Tensor, "point 3"]:
-    """Give a stroke that was drawn on a view the depth of the segments seen first about its pixels.
+    """Give a stroke drawn on a view the depth of the nearest segments around its pixels.
 
     Returns:
         The stroke in world metres.

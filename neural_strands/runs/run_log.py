@@ -8,10 +8,10 @@ from neural_strands.foundation.files import atomic_file
 
 
 class RunLog:
-    """Figures of every step, one JSON object a line; lines past the step that a run resumes from are dropped."""
+    """Figures of every step, one JSON object per line; lines after the step from which a run resumes are dropped."""
 
     def __init__(self, path: Path, step: int) -> None:
-        """Open for a run that has done `step` steps.
+        """Open the log of a run that has done `step` steps.
 
         Raises:
             InputError: the file cannot be written.
@@ -23,11 +23,11 @@ class RunLog:
         self._waiting: list[str] = []
 
     def add(self, figures: dict[str, float]) -> None:
-        """Append one step; `flush` puts it on disk."""
+        """Append one step; `flush` writes it to disk."""
         self._waiting.append(json.dumps({name: round(value, 6) for name, value in figures.items()}) + "\n")
 
     def flush(self) -> None:
-        """Put what was added on disk.
+        """Write the added steps to disk.
 
         Raises:
             InputError: the disk is full or cannot be written to.

@@ -1,7 +1,7 @@
 """Blue noise by parallel sample elimination: an exact number of points, none much closer than the others.
 
-A maximal set of dart throws first leaves a few more points than wanted, none closer than a radius; weighted sample
-elimination (Yuksel 2015) then removes the surplus where it is most crowded. Both work on whole independent sets at
+A maximal set of dart throws first leaves slightly more points than required, none closer than a radius; weighted sample
+elimination (Yuksel 2015) then removes the surplus where points are most crowded. Both work on whole independent sets at
 once, so that numpy is fast enough. The candidates come in random order, which is their priority.
 """
 
@@ -14,13 +14,13 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 DART_RADIUS = 0.61
-"""Radius of the dart throws over the largest possible one: leaves about 7 % more points than wanted."""
+"""Radius of the dart throws over the largest possible one; leaves about 7% more points than required."""
 
 SHRINK = 0.93
 """Factor on the radius when too few darts fit."""
 
 BATCH = 0.25
-"""Share of the surplus that may leave at once: the weights change in between."""
+"""Share of the surplus removed in one round; the weights change between rounds."""
 
 REACH = 1.5
 """Distance up to which neighbours count, over the largest possible; beyond, their weight is negligible."""
@@ -69,7 +69,7 @@ def _throw_darts(positions: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _remove_crowded(positions: np.ndarray, surplus: int, largest: float) -> np.ndarray:
-    """Remove `surplus` points, always those with the greatest weight among their neighbours; returns who stays."""
+    """Remove `surplus` points, always those with the greatest weight among their neighbours; returns the rest."""
     alive = np.ones(len(positions), bool)
     if surplus == 0:
         return np.flatnonzero(alive)
@@ -81,7 +81,7 @@ def _remove_crowded(positions: np.ndarray, surplus: int, largest: float) -> np.n
     while surplus > 0:
         weight = np.bincount(first, share, len(positions))
         crowded = alive.copy()
-        # Ties go to the higher index, so that neighbours never leave together.
+        # Ties go to the higher index, so that neighbours are never removed together.
         lower = (weight[first] < weight[second]) | ((weight[first] == weight[second]) & (first < second))
         crowded[first[lower]] = False
         leaving = np.flatnonzero(crowded)

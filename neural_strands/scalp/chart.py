@@ -24,9 +24,9 @@ MARGIN = 0.02
 
 
 def chart_faces(mesh: Mesh, faces: Int64[torch.Tensor, " scalp"]) -> Float[torch.Tensor, "scalp 3 2"]:
-    """Chart the named faces of `mesh`: uv of their corners in [0, 1], no two faces overlapping.
+    """Chart the given faces of `mesh`: uv of their corners in [0, 1], without overlaps.
 
-    Pieces that cannot be laid flat whole (closed, with a handle, or joined along edges of three faces) are cut.
+    Pieces that cannot be flattened as a whole (closed, with a handle, or joined along edges of three faces) are cut.
     """
     vertices = mesh.vertices.detach().cpu().double().numpy()
     chosen = mesh.faces[faces].cpu().numpy()
@@ -94,7 +94,7 @@ def _upright(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
     weights = np.repeat(_areas(corners), 3) / 3 + 1e-30
     world = corners.reshape(-1, 3) - np.average(corners.reshape(-1, 3), axis=0, weights=weights)
     local = flat.reshape(-1, 2) - np.average(flat.reshape(-1, 2), axis=0, weights=weights)
-    # Where a piece stands upright its height takes the place of depth: the nape lies beyond the crown.
+    # Where a piece is upright, its height replaces depth: the nape lies beyond the crown.
     target = np.stack([world[:, 0], -world[:, 2] - world[:, 1]], axis=1)
     covariance = (local * weights[:, None]).T @ target
     angle = math.atan2(covariance[0, 1] - covariance[1, 0], covariance[0, 0] + covariance[1, 1])

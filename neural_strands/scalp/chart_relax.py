@@ -1,8 +1,8 @@
-"""Relaxing a flat disk towards the lengths of its surface without ever letting it overlap.
+"""Relaxing a flat disk towards the lengths of its surface without overlaps.
 
-Minimises the symmetric Dirichlet energy (Smith and Schaefer 2015, "Bijective parameterization with free boundaries")
-by L-BFGS preconditioned with the surface's Laplacian. A step that would turn a triangle over or make the outline
-cross itself is shortened, so the result is as injective as the start.
+Minimises the symmetric Dirichlet energy (Smith and Schaefer 2015, "Bijective parameterization with free boundaries") by
+L-BFGS preconditioned with the surface's Laplacian. A step that would flip a triangle or make the outline cross itself
+is shortened, so the result stays injective.
 """
 
 from collections import deque
@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 
 ITERATIONS = 80
 MEMORY = 6
-"""Pairs that L-BFGS remembers."""
+"""Pairs of steps that L-BFGS keeps."""
 
 TOLERANCE = 1e-4
 """Relative fall of the energy over `PATIENCE` steps at which it counts as converged."""
@@ -25,7 +25,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 """Solves a linear system for a right-hand side (vertex, 2)."""
 
 Pairs = deque[tuple[np.ndarray, np.ndarray]]
-"""Past steps and the changes of gradient that they made."""
+"""Past steps and the changes of the gradient they caused."""
 
 
 def relax(
@@ -91,7 +91,7 @@ def _rest_shapes(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _energy(
     uv: np.ndarray, triangles: np.ndarray, rest_inverse: np.ndarray, area: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Symmetric Dirichlet energy sum area (|J|^2 + |J^-1|^2), infinite where a triangle is turned, and its gradient."""
+    """Symmetric Dirichlet energy sum area (|J|^2 + |J^-1|^2), infinite if a triangle is flipped, and its gradient."""
     corners = uv[triangles]
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     jacobian = edges @ rest_inverse

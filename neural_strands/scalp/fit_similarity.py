@@ -1,7 +1,7 @@
 """Fitting a template head to given roots: scale, rotation and translation by iterated closest points.
 
-Grooms often come without their head, in any unit and with any axis up. Both ways of matching are used at once (roots to
-the scalp, scalp to the roots): one way alone lets the scale run away.
+Grooms often come without their head, in any unit and with any axis up. Matches in both directions are used together
+(roots to the scalp, scalp to the roots); with one direction alone the scale diverges.
 """
 
 import itertools
@@ -23,22 +23,22 @@ COARSE_ROUNDS = 12
 FINE_ROUNDS = 60
 POLISH_ROUNDS = 250
 FINALISTS = 3
-"""Starts, of the 24 axis-aligned ones, that are refined."""
+"""Number of the 24 axis-aligned starts that are refined."""
 
 ROOT_TRIM = 0.1
-"""Share of the roots farthest from the scalp that is left out: strays."""
+"""Share of the roots farthest from the scalp that is ignored as outliers."""
 
 SCALP_TRIM = 0.35
-"""Share of the scalp farthest from any root that is left out: grooms need not cover all of it."""
+"""Share of the scalp farthest from any root that is ignored; grooms need not cover all of it."""
 
 SCALP_WEIGHT = 0.5
-"""Weight of the scalp's matches against the roots'."""
+"""Weight of the scalp's matches relative to those of the roots."""
 
 BELIEF = 1.3
-"""How much worse the fit with the axes as they are (y up, +z front) may be than a turned one and still be believed."""
+"""How much worse the fit with the given axes (y up, +z front) may be than a rotated one and still be preferred."""
 
 SETTLED = 1e-6
-"""Relative change of the residual at which it stops."""
+"""Relative change of the residual at which the fit stops."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class Similarity:
 
 
 def fit_head_to_roots(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Head:
-    """The head moved, turned and scaled so that its scalp lies on the given roots (see `fit_similarity`)."""
+    """The head moved, rotated and scaled so that its scalp lies on the given roots (see `fit_similarity`)."""
     fit = fit_similarity(head, root_positions, any_axes)
     return head.transformed(fit.scale, fit.rotation, fit.translation)
 
 
 def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Similarity:
-    """The similarity that takes the head's scalp to given roots.
+    """The similarity that maps the head's scalp to given roots.
 
     Args:
         head: template.
@@ -88,12 +88,12 @@ def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes
     if len(root_positions) < 10:
         raise ValueError(f"a similarity fit needs at least ten roots, got {len(root_positions)}")
     roots = root_positions.detach().cpu().double().numpy()
-    # A generator of its own, always seeded alike: the fit of the same input is the same.
+    # A separate generator with a fixed seed, so that the same input gives the same fit.
     scalp = sample_roots(head.to("cpu"), FINE_POINTS, torch.Generator().manual_seed(0)).position.double().numpy()
     index = MeshIndex(head.to("cpu").scalp_mesh)
     turns = _axis_rotations() if any_axes else [np.eye(3)]
     coarse = (scalp[:COARSE_POINTS], _spread(roots, COARSE_POINTS))
-    # Turned as it starts at first, scale and place alone: free to turn, a wrong start slides into a wrong end.
+    # At first only scale and position: free to rotate, a wrong start would end in a wrong minimum.
     trials = [_iterate(_start(turn, scalp, roots), index, *coarse, COARSE_ROUNDS, turning=False) for turn in turns]
     upright = next(trial for trial, turn in zip(trials, turns, strict=True) if np.allclose(turn, np.eye(3)))
     best = [upright, *sorted((trial for trial in trials if trial is not upright), key=_score)[:FINALISTS]]
@@ -133,7 +133,7 @@ def umeyama(
 def _iterate(
     start: Similarity, index: MeshIndex, scalp: np.ndarray, roots: np.ndarray, rounds: int, turning: bool
 ) -> Similarity:
-    """Match and solve, in turns; the residual is that of all matches both ways, trimmed or not."""
+    """Alternate matching and solving; the residual is that of all matches in both directions, trimmed or not."""
     tree, fit, previous = KDTree(roots), start, np.inf
     turn = None if turning else start.rotation.numpy()
     for _ in range(rounds):
@@ -159,7 +159,7 @@ def _kept(gap: np.ndarray, trim: float) -> np.ndarray:
 
 
 def _start(turn: np.ndarray, scalp: np.ndarray, roots: np.ndarray) -> Similarity:
-    """Centres and spreads made equal after a turn."""
+    """Centres and spreads made equal after a rotation."""
     scale = float(np.sqrt(roots.var(axis=0).sum() / scalp.var(axis=0).sum()))
     translation = roots.mean(axis=0) - scale * turn @ scalp.mean(axis=0)
     return Similarity(scale, torch.from_numpy(turn), torch.from_numpy(translation))

@@ -23,18 +23,18 @@ HAIRLINE_DEPTH = (0.36, 0.36, 0.42, 0.56, 0.72, 0.80, 0.68, 0.66, 0.76, 0.98, 1.
 """Depth of the hairline below the crown in those directions, in head widths."""
 
 AXIS_BEHIND = 0.02
-"""How far the axis of those directions lies behind the middle of the head, in head widths."""
+"""Distance of the axis of those directions behind the middle of the head, in head widths."""
 
 SKIPPED = 0.02
 """Share of the mesh's height at the top in which a few vertices do not yet show a width."""
 
 OUTSIDE = 1e-3
-"""Head widths above a face at which it is asked whether it lies on the outer skin."""
+"""Height above a face, in head widths, at which it is tested whether the face lies on the outer skin."""
 
 
 @dataclass(frozen=True)
 class HeadMeasure:
-    """Where the head is in a mesh of a head, a bust or a whole person.
+    """Position of the head in a mesh of a head, a bust or a whole person.
 
     Attributes:
         crown: highest point of the axis, mesh units.
@@ -46,7 +46,7 @@ class HeadMeasure:
 
 
 def measure_head(vertices: Float[Tensor, "vertex 3"]) -> HeadMeasure:
-    """Measure the topmost round thing of an upright mesh (y up, +z out of the face)."""
+    """Measure the topmost round part of an upright mesh (y up, +z out of the face)."""
     order = torch.argsort(vertices[:, 1], descending=True)
     above = vertices[order]
     depth = above[0, 1] - above[:, 1]

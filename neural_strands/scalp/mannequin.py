@@ -21,12 +21,12 @@ GRID = (
     ((-0.290, 0.0110), (-0.150, 0.0090), (-0.115, 0.0050), (0.130, 0.0050)),
     ((-0.140, 0.0075), (-0.020, 0.0070), (0.020, 0.0050), (0.130, 0.0050)),
 )
-"""Spacing of the grid at places along x (mirrored), y and z, metres: fine on the face and the ears."""
+"""Spacing of the grid at positions along x (mirrored), y and z, metres: fine on the face and the ears."""
 
 
 @functools.cache
 def mannequin() -> Head:
-    """The mannequin, made once a process (about a second)."""
+    """The mannequin, made once per process (about a second)."""
     x, y, z = (_axis(places) for places in GRID)
     # No grid point at x = 0: a cell straddles the plane of symmetry.
     x = x + 0.5 * (x[1] - x[0])

@@ -33,7 +33,7 @@ def _skull(p: np.ndarray) -> np.ndarray:
 
 
 def _features(p: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Brow, sockets, closed eyes, cheeks, nose and lips: nothing finer than the mesh can show."""
+    """Brow, sockets, closed eyes, cheeks, nose and lips; nothing finer than the mesh resolves."""
     d = _blend(d, _ellipsoid(p, (0.047, -0.020, 0.055), (0.017, 0.015, 0.017)), 0.03)
     d = _blend(d, _capsule(p, (0.012, 0.0205, 0.0865), (0.046, 0.0215, 0.067), 0.0055, 0.0055), 0.016)
     d = _cut(d, -_ellipsoid(p, (0.0310, 0.001, 0.0950), (0.0185, 0.0130, 0.0240)), 0.012)

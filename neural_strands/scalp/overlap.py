@@ -1,11 +1,11 @@
-"""Finding faces of a chart that overlap: no texel may stand for two places of the scalp."""
+"""Finding faces of a chart that overlap: a texel may belong to only one position of the scalp."""
 
 import numpy as np
 from jaxtyping import Float, Int64
 from torch import Tensor, from_numpy
 
 SLACK = 1e-6
-"""Depth in uv up to which neighbours may reach into each other: rounding in files."""
+"""Depth in uv up to which neighbours may overlap, because of rounding in files."""
 
 PAIRS_AT_ONCE = 2_000_000
 
@@ -33,7 +33,7 @@ def overlapping_faces(uv: Float[Tensor, "face 3 2"]) -> Int64[Tensor, "pair 2"]:
 
 
 def _chunks(counts: np.ndarray) -> list[np.ndarray]:
-    """Faces in runs of a bounded number of pairs."""
+    """Faces in groups with a bounded number of pairs."""
     run = np.cumsum(counts) // PAIRS_AT_ONCE
     return np.split(np.arange(len(counts)), np.flatnonzero(np.diff(run)) + 1)
 

@@ -1,4 +1,4 @@
-"""Cutting any set of triangles into disks: what a chart can be made of."""
+"""Cutting any set of triangles into disks that can be charted."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 FILL_WEIGHT = 0.01
-"""Weight of the triangles that stand in for a hole: they keep its rim open, and yield to the real ones."""
+"""Weight of the triangles that fill a hole: they keep its rim open and give way to the real ones."""
 
 
 @dataclass(frozen=True)
@@ -15,9 +15,9 @@ class Patch:
     """A topological disk.
 
     Attributes:
-        faces: (face,) which of the given faces these are.
+        faces: (face,) indices of the given faces.
         triangles: (triangle, 3) vertex indices into `positions`: the faces in order, then the fans that fill holes.
-        positions: (vertex, 3) in metres; a vertex where sheets only touch appears once a sheet.
+        positions: (vertex, 3) in metres; a vertex at which sheets only touch appears once per sheet.
         boundary: (rim,) vertex indices of the outline, counter-clockwise.
         weights: (triangle,) one for faces, small for filling.
     """
@@ -40,7 +40,7 @@ def pieces(faces: np.ndarray) -> list[np.ndarray]:
 
 
 def disk(positions: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> Patch | None:
-    """The piece made of `faces[chosen]` as a disk, its holes filled; None where it is none (closed, or with a handle).
+    """The piece of `faces[chosen]` as a disk, its holes filled; None if it is no disk (closed, or with a handle).
 
     Args:
         positions: (vertex, 3) of the whole mesh.

@@ -41,7 +41,7 @@ class Roots:
         return self.frame[..., 2]
 
     def select(self, index: Tensor) -> "Roots":
-        """Keep the roots that `index` (integers or booleans) names."""
+        """Keep the roots selected by `index` (integers or booleans)."""
         return Roots(self.position[index], self.uv[index], self.frame[index], self.distance[index])
 
     def to(self, device: torch.device | str) -> "Roots":
@@ -68,7 +68,7 @@ def sample_roots(head: Head, count: int, generator: torch.Generator) -> Roots:
 def attach_roots(head: Head, positions: Float[Tensor, "root 3"]) -> Roots:
     """Roots at the given positions, with the frame and the chart coordinates of the closest point of the scalp.
 
-    `distance` says how far each lies from the scalp: rejecting (6.4 mm is usual) is the caller's choice.
+    `distance` is that of each root from the scalp; rejecting roots (6.4 mm is usual) is left to the caller.
     """
     closest = closest_points(positions, head.scalp_mesh)
     attached = roots_at(head, closest.face, closest.barycentric)

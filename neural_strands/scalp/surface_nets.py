@@ -19,8 +19,8 @@ Distance = Callable[[np.ndarray], np.ndarray]
 def surface_nets(distance: Distance, axes: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Mesh the zero level inside a box that the surface does not touch.
 
-    Each cell that the surface crosses gives one vertex, each crossed grid edge one quad (Gibson 1998); vertices are
-    then spread evenly along the surface and drawn onto it.
+    Each cell that the surface crosses gives one vertex and each crossed grid edge one quad (Gibson 1998); vertices are
+    then spread evenly along the surface and projected onto it.
 
     Args:
         distance: the solid.

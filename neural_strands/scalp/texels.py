@@ -1,4 +1,4 @@
-"""Where each texel of a scalp texture lies on the scalp."""
+"""Position of each texel of a scalp texture on the scalp."""
 
 from dataclasses import dataclass
 
@@ -13,14 +13,14 @@ from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import Roots, roots_at
 
 ON_CHART = 1e-6
-"""Distance in uv within which a texel's centre counts as on the chart."""
+"""Distance in uv within which a texel's centre counts as lying on the chart."""
 
 
 @dataclass(frozen=True)
 class ScalpTexels:
     """The texels of a square texture, row by row: that of row i, column j lies at v = (i + 0.5) / R, u = (j + 0.5) / R.
 
-    Texels off the chart stand for the closest place on it, so that textures can be filled to their borders.
+    Texels off the chart take the closest position on it, so that textures can be filled to their borders.
 
     Attributes:
         face: index into the head's `scalp_faces`.

@@ -46,7 +46,7 @@ def test_info_table(groom_file: Path, capsys: pytest.CaptureFixture):
     assert main(["info", str(groom_file)]) == 0
     out = capsys.readouterr().out
     assert "strands       2\n" in out
-    assert "points        6 (3 to 3 a strand)\n" in out
+    assert "points        6 (3 to 3 per strand)\n" in out
     assert "(0, -8, 2) to (3, 0, 13)" in out
 
 

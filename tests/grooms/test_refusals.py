@@ -61,7 +61,11 @@ LIES = {
     "data empty strand": (".data", data(2, 2, 0), r"byte 36: .*strand 1 with 0"),
     "data nan": (".data", data(1, 2)[:20] + NAN + data(1, 2)[24:], r"byte 20: expected finite coordinates"),
     "tfx billions": (".tfx", tfx(BILLIONS, 64), r"byte 160: expected 4096000000000 bytes"),
-    "tfx one point": (".tfx", tfx(1, 1, floats(0, 0, 0, 0)), r"byte 8: expected at least two points a strand, found 1"),
+    "tfx one point": (
+        ".tfx",
+        tfx(1, 1, floats(0, 0, 0, 0)),
+        r"byte 8: expected at least two points per strand, found 1",
+    ),
     "tfx version": (".tfx", struct.pack("<f", 3.0) + tfx(1, 2)[4:], r"byte 0: expected TressFX version 4"),
     "tfx offset": (".tfx", tfx(1, 2)[:12] + struct.pack("<I", 8) + tfx(1, 2)[16:], r"byte 12"),
     "tfx text count": (".tfx", TFX_TEXT % (BILLIONS, b"strand 0 numVerts 2\n0 0 0\n1 1 1\n"), r"line 3 \(byte 22\)"),

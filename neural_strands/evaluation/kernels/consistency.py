@@ -12,7 +12,7 @@ from neural_strands.geometry.kernels.point_queries import outside_grid, row_of, 
 @wp.func
 @no_type_check
 def count_match(strand: int, other: int, point: int, slots: int, scratch: wp.array3d[int]) -> int:
-    """Note that strand `other` matches a point; return in how many points it has (0 when the table is full).
+    """Record that strand `other` matches a point; return the number of points it has matched (0 if the table is full).
 
     A slot holds the other strand plus one, how many points it matched, and the last of them plus one.
     """
@@ -52,7 +52,7 @@ def consistency_kernel(
     scratch: wp.array3d[int],
     best: wp.array[int],
 ) -> None:
-    """One thread a true strand: count, for each predicted strand met, the points it matches; keep the largest."""
+    """One thread per true strand: count the points that each predicted strand matches, and keep the largest count."""
     strand = first_strand + wp.tid()
     reach = int(radius / cell) + 1
     largest = wp.int32(0)

@@ -12,7 +12,7 @@ import warp as wp
 @wp.struct
 @no_type_check
 class Local:
-    """The mean line about a place.
+    """The mean line around a position.
 
     Attributes:
         point: the place, shifted across the line to the weighted mean of its neighbours.
@@ -39,7 +39,7 @@ def mean_line(
     radius: float,
     least_cosine: float,
 ) -> Local:
-    """Mean shift of a place across its line, over the neighbours within `radius` of about the same direction."""
+    """Mean shift of a position across its line, over the neighbours within `radius` of similar direction."""
     shift = wp.vec3()
     turned = wp.vec3()
     total = float(0.0)
@@ -84,7 +84,7 @@ def shift_points(
     turned: wp.array[wp.vec3],
     support: wp.array[float],
 ) -> None:
-    """Move each point across its line to where its neighbours are, and turn it as they are."""
+    """Move each point across its line towards its neighbours, and align it with them."""
     i = start + wp.tid()
     place = points[i]
     direction = directions[i]
@@ -118,7 +118,7 @@ def grow(
     strength: wp.array3d(dtype=float),
     length: wp.array2d(dtype=int),
 ) -> None:
-    """Walk from each seed both ways, a step at a time, each step pulled onto the mean line of its neighbours."""
+    """Walk from each seed in both directions, pulling each step onto the mean line of its neighbours."""
     tid = start + wp.tid()
     i = seeds[tid // 2]
     way = tid % 2

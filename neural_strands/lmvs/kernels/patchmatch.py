@@ -24,7 +24,7 @@ def seen_direction(
     point: wp.vec3,
     patch: Patch,
 ) -> wp.vec3:
-    """Direction that the views agree on at a point, seen by the reference with its own orientation.
+    """Direction on which the views agree at a point that the reference sees with its own orientation.
 
     Each view's orientation confines the line to the plane through its centre and the line it sees: n . d = 0. With
     the reference's own n_0 exact, d = cos(t) a + sin(t) b in that plane, and the least squares over the neighbours,
@@ -51,7 +51,7 @@ def seen_direction(
             xx += weight * x * x
             xy += weight * x * y
             yy += weight * y * y
-    # A little weight keeps the line across the ray where no neighbour says otherwise.
+    # A small weight keeps the line perpendicular to the ray where no neighbour constrains it.
     yy += 0.02
     angle = 0.5 * wp.atan2(2.0 * xy, xx - yy) + 0.5 * wp.pi
     return wp.normalize(side * wp.cos(angle) + ray * wp.sin(angle))
@@ -89,7 +89,7 @@ def sweep(
     patch: Patch,
     cost: wp.array(dtype=float, ndim=2),
 ) -> None:
-    """Cost at each depth behind the hull's surface, the direction being what the views see there; -1 beyond `far`."""
+    """Cost at each depth behind the hull's surface, with the direction that the views see there; -1 beyond `far`."""
     i = start + wp.tid()
     for k in range(offset.shape[0]):
         distance = near[i] + offset[k]
@@ -115,7 +115,7 @@ def look(
     depth: wp.array[float],
     direction: wp.array[wp.vec3],
 ) -> None:
-    """Direction that the views agree on at each pixel's depth."""
+    """Direction on which the views agree at each pixel's depth."""
     i = start + wp.tid()
     direction[i] = seen_direction(texture, projection, centre, plane, centre[0] + ray[i] * depth[i], patch)
 
@@ -211,6 +211,6 @@ def evaluate(
     limit: float,
     cost: wp.array[float],
 ) -> None:
-    """Cost of given lines, or of part of their views once that is above `limit`."""
+    """Cost of given lines, or of some of their views once that exceeds `limit`."""
     i = start + wp.tid()
     cost[i] = line_cost(texture, projection, point[i], direction[i], normal[i], footprint[i], patch, limit)

@@ -1,11 +1,11 @@
-"""What a hypothesis of the line PatchMatch costs: a ribbon about a 3D line, compared between the views.
+"""Cost of a hypothesis of the line PatchMatch: a ribbon around a 3D line, compared between the views.
 
 A view's texture holds, per pixel, the doubled orientation weighted by its confidence c (c cos 2a, c sin 2a), c, and the
 brightness; the textures of all views lie one after the other, row by row. View 0 is the reference, the others its
 neighbours. Pixel centres lie at +0.5.
 
-Nearly all of the stereo's time is spent here. On the CPU a view's samples go through two loops: one over where they
-lie, without branches, which the compiler turns into vector instructions, and one over what is read there.
+Nearly all of the stereo's time is spent here. On the CPU the samples of a view go through two loops: one over their
+positions, without branches, which the compiler turns into vector instructions, and one over the values read there.
 """
 
 # ruff: noqa: UP018  (Warp tells a variable from a constant by the cast)
@@ -17,10 +17,10 @@ from typing import no_type_check
 import warp as wp
 
 MOST_NEIGHBOURS = 8
-"""Most neighbour views of a reference."""
+"""Largest number of neighbour views of a reference."""
 
 MOST_SAMPLES = 128
-"""Most samples of a ribbon, a multiple of eight: they go in vectors of eight."""
+"""Largest number of samples of a ribbon; a multiple of eight, because they are processed in vectors of eight."""
 
 Costs = wp.types.vector(length=MOST_NEIGHBOURS, dtype=wp.float32)
 Samples = wp.types.vector(length=MOST_SAMPLES, dtype=wp.float32)
@@ -30,13 +30,13 @@ Places = wp.types.vector(length=MOST_SAMPLES, dtype=wp.int32)
 @wp.struct
 @no_type_check
 class Patch:
-    """How a hypothesis is sampled and weighed.
+    """Sampling and weights of a hypothesis.
 
     Attributes:
         along, across: samples to each side of the centre, along the line and across it.
         step: distance of samples in pixels of the reference.
         intensity: weight of 1 - NCC against the orientation's cost, in [0, 1].
-        best: number of neighbours, the best ones, whose mean is the cost.
+        best: number of best neighbours whose mean is the cost.
         views: number of neighbours.
         width, height: of the textures, pixels.
     """
@@ -116,7 +116,7 @@ def inside(image: wp.vec3, patch: Patch) -> bool:
 @wp.func
 @no_type_check
 def metres_a_pixel(image: wp.vec3, motion: wp.vec3, footprint: float) -> float:
-    """How far along a line a pixel goes; a line seen end-on would go on for ever, so twice the footprint at most."""
+    """Length of a line within a pixel; at most twice the footprint, because a line seen end-on would be infinite."""
     speed = wp.length(seen_motion(image, motion)) / (image[2] * image[2])
     return wp.min(1.0 / wp.max(speed, 1.0e-9), 2.0 * footprint)
 
@@ -140,12 +140,12 @@ def line_cost(
     patch: Patch,
     limit: float,
 ) -> float:
-    """Cost in [0, 1] of a line through `point`; a ribbon about it is compared between the views.
+    """Cost in [0, 1] of a line through `point`; a ribbon around it is compared between the views.
 
     Geometric term: sin^2 of the angle between the projected line and the orientation seen at the samples, weighted by
     confidence. Intensity term: (1 - NCC) / 2 of the ribbon's brightness. Occluded neighbours drop out: the mean is over
-    the best ones, and the reference's own geometric term counts beside it. Once the views so far cost more than
-    `limit`, whatever the others say, that is returned.
+    the best ones, and the reference's own geometric term is added. As soon as the views so far cost more than `limit`
+    whatever the others contribute, that cost is returned.
     """
     origin = homogeneous(projection, 0, point, 1.0)
     motion = homogeneous(projection, 0, direction, 0.0)
@@ -197,7 +197,7 @@ def line_cost(
             products = float(0.0)
             s = wp.int32(0)
             while s < samples:
-                # The compiler learns that no index is negative: Warp counts those from the array's end.
+                # Tells the compiler that no index is negative; Warp counts negative ones from the end of the array.
                 value = blend(texture, wp.max(places[s], 0), patch.width, right[s], down[s])
                 sums += value
                 squares += value[3] * value[3]
@@ -216,7 +216,7 @@ def line_cost(
                 geometric = wp.where(sums[2] > 1.0e-3 * count, angle / sums[2], 0.5)
                 found = share * geometric + patch.intensity * 0.5 * (1.0 - ncc)
         if j > 0:
-            # The worst so far are kept back, and in the end left out: the sum of the others only grows.
+            # The worst so far are held back and finally left out, so the sum of the others only grows.
             k = wp.int32(0)
             while k < patch.views - patch.best:
                 kept = wp.max(worst[k], found)
