@@ -14,6 +14,7 @@ COMMANDS = {
     "info": "neural_strands.cli.info:Info",
     "synthesize": "neural_strands.cli.synthesize:Synthesize",
     "convert": "neural_strands.cli.convert:Convert",
+    "prepare": "neural_strands.cli.prepare:Prepare",
     "check": "neural_strands.cli.check:Check",
     "head": "neural_strands.cli.head:HeadCheck",
     "score": "neural_strands.cli.score:Score",

@@ -1,0 +1,80 @@
+"""`neural-strands prepare`: a folder of photographs becomes a capture."""
+
+import json as json_module
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from neural_strands.cli.fit import say
+from neural_strands.foundation.errors import InputError
+
+
+@dataclass(frozen=True)
+class Prepare:
+    """Make a capture of photographs of one person: cameras, scale, head and hair masks.
+
+    Take 24 or more, from all around and above, each a small step from the last, in even light, hair and head still.
+    OUT is what `neural-strands check` and `fit` take. Every stage is kept in OUT/preparation: a run that was stopped
+    goes on where it was, and a stage is done again only if what it is made from changed.
+    """
+
+    photographs: Annotated[Path, tyro.conf.Positional]
+    """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several."""
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder of the capture."""
+    template: Path | None = None
+    """Head mesh with a face, y up, +z out of the face, that is fitted to the person."""
+    scalp: Path | None = None
+    """The template's scalp: a chart, a list of faces or a painted mask; found if left out."""
+    cameras: Path | None = None
+    """Known cameras, instead of finding them: a folder with a COLMAP model, or transforms.json."""
+    landmarks: Path | None = None
+    """Landmarks set by hand, instead of finding the face: JSON, {photograph: {landmark: [x, y]}}, pixels."""
+    detector: Path | None = None
+    """Python that has the package mediapipe, if this one has not."""
+    face_model: Path | None = None
+    """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which brings its models."""
+    person_model: Path | None = None
+    """A selfie segmenter of MediaPipe's (.tflite); not needed with mediapipe 0.10.21."""
+    scale: float | None = None
+    """Metres in one unit of the cameras, if known."""
+    pupil_distance: float | None = None
+    """Millimetres between the person's pupils, as on a prescription for glasses: makes the scale exact."""
+    longest_side: int = 2048
+    """Larger photographs are made this many pixels long."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> None:
+        """Prepare, saying what happens on standard error."""
+        from neural_strands.preparation.face.detector import Detector
+        from neural_strands.preparation.head.fit import KnownSize
+        from neural_strands.preparation.prepare import PrepareRequest, prepare
+
+        for name, value, least, most in (
+            ("scale", self.scale, 1e-6, 1e6),
+            ("pupil-distance", self.pupil_distance, 40.0, 85.0),
+            ("longest-side", self.longest_side, 256, 16384),
+        ):
+            if value is not None and not least <= value <= most:
+                raise InputError(f"--{name}: expected {least:g} to {most:g}, found {value:g}.")
+        distance = None if self.pupil_distance is None else 0.001 * self.pupil_distance
+        request = PrepareRequest(
+            self.photographs,
+            self.out,
+            self.cameras,
+            self.landmarks,
+            self.template,
+            self.scalp,
+            KnownSize(self.scale, distance),
+            Detector(self.detector, self.face_model, self.person_model),
+            self.longest_side,
+        )
+        figures = prepare(request, say)
+        if self.json:
+            sys.stdout.write(json_module.dumps(figures) + "\n")
+            return
+        sys.stdout.write(f"{self.out}: {figures['cameras']} views; next: neural-strands check {self.out}\n")

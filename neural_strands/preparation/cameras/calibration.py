@@ -1,0 +1,197 @@
+"""Calibrated photographs of one person: undistorted pictures, pinhole cameras and sparse points, in any frame and unit.
+
+On disk a folder that reads as a capture (`transforms.json` and `images/`), and `points.npz`.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.lens import Lens
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
+
+IMAGES = "images"
+POINTS = "points.npz"
+SAME_SHAPE = 0.01
+"""How far a photograph's aspect may be from its camera's, relative."""
+
+
+@dataclass(frozen=True)
+class PosedLens:
+    """A lens and where it was: what structure from motion says of one photograph.
+
+    Attributes:
+        lens: intrinsics and distortion for the size of the picture that was calibrated.
+        world_to_camera: (4, 4) rigid, OpenCV axes.
+    """
+
+    lens: Lens
+    world_to_camera: np.ndarray
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """Points that structure from motion found.
+
+    Attributes:
+        position: (point, 3) in the cameras' frame.
+        colour: (point, 3) sRGB in [0, 255].
+    """
+
+    position: np.ndarray
+    colour: np.ndarray
+
+    @classmethod
+    def none(cls) -> "SparsePoints":
+        """No points."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+
+    def save(self, folder: Path) -> None:
+        """Write `points.npz`."""
+        np.savez(folder / POINTS, position=self.position, colour=self.colour)
+
+    @classmethod
+    def load(cls, folder: Path) -> "SparsePoints":
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: the file is missing or damaged.
+        """
+        try:
+            with np.load(folder / POINTS, allow_pickle=False) as stored:
+                return cls(stored["position"], stored["colour"])
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(
+                f"{folder / POINTS}: expected the points of an earlier stage, found something else; remove {folder}."
+            ) from error
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Undistorted pictures with pinhole cameras.
+
+    Attributes:
+        cameras: in the order of `pictures`; their unit is that of the frame, often arbitrary.
+        pictures: PNG files.
+        points: sparse points in the same frame; there may be none.
+    """
+
+    cameras: tuple[Camera, ...]
+    pictures: tuple[Path, ...]
+    points: SparsePoints
+
+    @classmethod
+    def load(cls, folder: Path) -> "Calibration":
+        """Read what `calibrate` wrote.
+
+        Raises:
+            InputError: a file is missing or damaged.
+        """
+        views = Capture.load(folder).views
+        return cls(
+            tuple(view.camera for view in views), tuple(view.image_path for view in views), SparsePoints.load(folder)
+        )
+
+
+def calibrate(
+    images: Path,
+    photographs: Sequence[Photograph],
+    lenses: Mapping[str, PosedLens],
+    points: SparsePoints,
+    out: Path,
+    say: Callable[[str], None],
+) -> None:
+    """Undistort the photographs that have a camera, and write them with their pinhole cameras.
+
+    Args:
+        images: folder of the photographs.
+        photographs: what lies there.
+        lenses: cameras by file name; a photograph is found by the name it has now, that of its source, or its stem.
+        points: in the cameras' frame.
+        out: an existing folder.
+        say: takes sentences for the user.
+
+    Raises:
+        InputError: too few photographs have a camera, or one has another shape than its camera.
+    """
+    by_name = {**{Path(name).stem.lower(): lens for name, lens in lenses.items()}, **lenses}
+    found = [(p, _lens_of(p, by_name)) for p in photographs]
+    posed = [(photograph, lens) for photograph, lens in found if lens is not None]
+    missing = [photograph.source for photograph, lens in found if lens is None]
+    if len(posed) < FEWEST:
+        raise InputError(
+            f"{len(photographs)} photographs: expected cameras for at least {FEWEST}, found {len(posed)}; the cameras' "
+            f"image names must be those of the photographs (such as {photographs[0].source})."
+        )
+    if missing:
+        more = f" and {len(missing) - 10} more" if len(missing) > 10 else ""
+        say(f"No camera for {', '.join(missing[:10])}{more}: left out.")
+    (out / IMAGES).mkdir()
+    cameras = []
+    for photograph, given in track(posed, "undistorting"):
+        lens = _fitting(given.lens, photograph)
+        write_picture(out / IMAGES / photograph.name, lens.undistort(read_picture(images / photograph.name)))
+        cameras.append(
+            Camera(
+                torch.from_numpy(lens.undistorted_matrix()).float(),
+                torch.from_numpy(given.world_to_camera).float(),
+                lens.width,
+                lens.height,
+                photograph.name,
+            )
+        )
+    points.save(out)
+    write_transforms(out / "transforms.json", cameras)
+
+
+def write_transforms(path: Path, cameras: Sequence[Camera]) -> None:
+    """Write nerfstudio's `transforms.json` of pinhole cameras, their pictures in `images/` under the cameras' names."""
+    frames = [
+        {
+            "file_path": f"{IMAGES}/{camera.name}",
+            "w": camera.width,
+            "h": camera.height,
+            "fl_x": float(camera.intrinsics[0, 0]),
+            "fl_y": float(camera.intrinsics[1, 1]),
+            "cx": float(camera.intrinsics[0, 2]),
+            "cy": float(camera.intrinsics[1, 2]),
+            "transform_matrix": camera.opengl_camera_to_world.tolist(),
+        }
+        for camera in cameras
+    ]
+    document = {"camera_model": "PINHOLE", "frames": frames}
+    path.write_text(json.dumps(document, indent=1), encoding="utf-8")
+
+
+def _lens_of(photograph: Photograph, by_name: Mapping[str, PosedLens]) -> PosedLens | None:
+    names = (photograph.name, photograph.source, Path(photograph.source).stem.lower())
+    return next((by_name[name] for name in names if name in by_name), None)
+
+
+def _fitting(lens: Lens, photograph: Photograph) -> Lens:
+    """The lens for the photograph's size: cameras may have been found on larger or smaller copies.
+
+    Raises:
+        InputError: the shapes differ.
+    """
+    across, down = photograph.width / lens.width, photograph.height / lens.height
+    if abs(across / down - 1.0) > SAME_SHAPE:
+        raise InputError(
+            f"{photograph.source}: expected the shape that its camera says ({lens.width} x {lens.height}), found "
+            f"{photograph.width} x {photograph.height}; give cameras of these photographs, upright and uncropped."
+        )
+    fx, fy, cx, cy = lens.intrinsics
+    return replace(
+        lens,
+        intrinsics=(fx * across, fy * down, cx * across, cy * down),
+        width=photograph.width,
+        height=photograph.height,
+    )

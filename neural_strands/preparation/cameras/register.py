@@ -1,0 +1,171 @@
+"""Structure from motion with COLMAP: where each photograph was taken from, in an arbitrary frame and unit.
+
+Photographs of one device, size and focal length share a lens. The principal point is freed in a last bundle adjustment:
+a portrait seldom lies in the middle of its sensor, and with a fixed one the poses are off by degrees.
+"""
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+from neural_strands.preparation.cameras.calibration import SparsePoints
+from neural_strands.preparation.photographs.folder import FEWEST, Photograph
+
+if TYPE_CHECKING:
+    import pycolmap
+
+SHARED_LENS = 10
+"""Photographs of one lens from which eight parameters are estimated; fewer get a focal length and one distortion."""
+FREE_CENTRE = 15
+"""Photographs of one lens from which its principal point is estimated as well."""
+CENTRE_RANGE = 0.15
+"""How far from the middle, in the longer side, a principal point may be found and believed."""
+DEFAULT_FOCAL = 1.2
+"""Focal length in the longer side where the camera noted none (COLMAP's own guess)."""
+SEEN_BY = 3
+"""Photographs that must see a point for it to be kept."""
+POINT_ERROR = 2.0
+"""Pixels of mean reprojection error up to which a point is kept."""
+DATABASE = "database.db"
+
+
+def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path) -> None:
+    """Find features in every photograph and match them in pairs; writes COLMAP's database into `out`.
+
+    Raises:
+        InputError: pycolmap is not installed.
+    """
+    pycolmap = _pycolmap()
+    database = out / DATABASE
+    for group in track(_lens_groups(photographs), "finding features"):
+        options = pycolmap.ImageReaderOptions()
+        options.camera_model = "OPENCV" if len(group) >= SHARED_LENS else "SIMPLE_RADIAL"
+        options.default_focal_length_factor = DEFAULT_FOCAL
+        first = group[0]
+        if first.focal > 0:
+            values = [first.focal] * (2 if options.camera_model == "OPENCV" else 1)
+            values += [first.width / 2, first.height / 2]
+            values += [0.0] * (8 - len(values) if options.camera_model == "OPENCV" else 1)
+            options.camera_params = ",".join(f"{value:.4f}" for value in values)
+        pycolmap.extract_features(
+            database,
+            images,
+            image_names=[photograph.name for photograph in group],
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=options,
+            device=pycolmap.Device.cpu,
+        )
+    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+
+
+def register(
+    images: Path, photographs: Sequence[Photograph], matches: Path, out: Path, say: Callable[[str], None]
+) -> SparsePoints:
+    """Find the cameras of matched photographs; writes a COLMAP model into `out`.
+
+    Args:
+        images: folder of the photographs.
+        photographs: what lies there.
+        matches: folder that `match_photographs` wrote.
+        out: an existing folder.
+        say: takes sentences for the user.
+
+    Raises:
+        InputError: too few photographs overlap.
+    """
+    pycolmap = _pycolmap()
+    pycolmap.set_random_seed(0)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = 0
+    options.min_model_size = FEWEST
+    attempts = out / "attempts"
+    attempts.mkdir()
+    seen = itertools.count(1)
+    models = pycolmap.incremental_mapping(
+        matches / DATABASE,
+        images,
+        attempts,
+        options,
+        next_image_callback=lambda: _tell(say, next(seen), len(photographs)),
+    )
+    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    registered = 0 if best is None else best.num_reg_images()
+    if best is None or registered < max(FEWEST, math.ceil(0.25 * len(photographs))):
+        raise InputError(
+            f"{len(photographs)} photographs: expected them to overlap so that cameras can be found, found "
+            f"{registered} that do; take more, each a small step (10 to 15 degrees) from the last, of a head and a "
+            "background that do not move."
+        )
+    _free_centres(pycolmap, best, say)
+    names = {image.name for image in best.images.values() if image.has_pose}
+    missing = [photograph.source for photograph in photographs if photograph.name not in names]
+    say(f"{registered} of {len(photographs)} photographs have cameras, {best.num_points3D()} points.")
+    if missing:
+        more = f" and {len(missing) - 10} more" if len(missing) > 10 else ""
+        say(f"Left out, for they do not overlap with the rest: {', '.join(missing[:10])}{more}.")
+    best.write(out)
+    return _points(best)
+
+
+def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
+    """Photographs that share a lens, as far as their files say."""
+    groups: dict[tuple, list[Photograph]] = defaultdict(list)
+    for photograph in photographs:
+        key = (photograph.width, photograph.height, photograph.device, round(photograph.focal))
+        groups[key].append(photograph)
+    return list(groups.values())
+
+
+def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable[[str], None]) -> None:
+    """Refine the principal points of lenses that enough photographs share; undone where one runs away."""
+    count: dict[int, int] = defaultdict(int)
+    for image in model.images.values():
+        count[image.camera_id] += image.has_pose
+    if min(count.values()) < FREE_CENTRE:
+        return
+    before = {identity: camera.params.copy() for identity, camera in model.cameras.items()}
+    poses = {identity: image.cam_from_world() for identity, image in model.images.items() if image.has_pose}
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point = True
+    options.print_summary = False
+    pycolmap.bundle_adjustment(model, options)
+    for camera in model.cameras.values():
+        offset = np.array([camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2])
+        if np.abs(offset).max() > CENTRE_RANGE * max(camera.width, camera.height):
+            say("The principal point could not be told from these photographs and stays in the middle.")
+            for identity, params in before.items():
+                model.cameras[identity].params = params
+            for identity, pose in poses.items():
+                model.images[identity].frame.set_cam_from_world(model.images[identity].camera_id, pose)
+            return
+
+
+def _points(model: "pycolmap.Reconstruction") -> SparsePoints:
+    kept = [p for p in model.points3D.values() if p.track.length() >= SEEN_BY and p.error <= POINT_ERROR]
+    position = np.array([point.xyz for point in kept], dtype=np.float64).reshape(-1, 3)
+    return SparsePoints(position, np.array([point.color for point in kept], dtype=np.uint8).reshape(-1, 3))
+
+
+def _tell(say: Callable[[str], None], number: int, total: int) -> None:
+    """A line now and then: mapping takes minutes."""
+    if number % 10 == 0:
+        say(f"Placed {number} of {total} photographs.")
+
+
+def _pycolmap() -> Any:
+    try:
+        import pycolmap
+    except ImportError as error:
+        raise InputError(
+            "Finding cameras: expected the package pycolmap, found none; run `pip install 'neural-strands[photos]'`, "
+            "or give cameras with --cameras."
+        ) from error
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
+    return pycolmap

@@ -1,0 +1,116 @@
+"""Finding faces and people in pictures with MediaPipe, in a Python of its own choice.
+
+MediaPipe pins NumPy and OpenCV to versions of its own, so it often lives in another environment: `worker.py` is run
+there. Its 478 landmarks are the same for every face (`topology.py` names those that are used).
+"""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import numpy as np
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+from neural_strands.preparation.face.topology import LANDMARKS
+
+WORKER = Path(__file__).with_name("worker.py")
+ADVICE = (
+    "make an environment for it (`python -m venv mediapipe && mediapipe/bin/pip install mediapipe==0.10.21`) and pass "
+    "--detector mediapipe/bin/python, or give the landmarks as a file with --landmarks"
+)
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Which MediaPipe to use.
+
+    Attributes:
+        python: the interpreter that has it; this one if None.
+        face_model: `face_landmarker.task`; the model inside MediaPipe's wheel (up to 0.10.21) if None.
+        person_model: a selfie segmenter (.tflite); the model inside the wheel if None.
+    """
+
+    python: Path | None = None
+    face_model: Path | None = None
+    person_model: Path | None = None
+
+    def check(self) -> None:
+        """See that what is named is there, before anything is computed.
+
+        Raises:
+            InputError: an interpreter or a model is missing.
+        """
+        for path in (self.python, self.face_model, self.person_model):
+            if path is not None and not path.is_file():
+                raise InputError(f"{path}: expected a file for the face detector, found none; check the path.")
+        if self.python is None and importlib.util.find_spec("mediapipe") is None:
+            raise InputError(f"Finding faces: expected the package mediapipe, found none; {ADVICE}.")
+
+    def detect(
+        self, pictures: Sequence[Path], masks: Path | None = None, description: str = "finding faces"
+    ) -> list[list[np.ndarray]]:
+        """Find the faces of each picture.
+
+        Args:
+            pictures: PNG or JPEG files.
+            masks: an existing folder for masks of the person, one PNG a picture; none are made if None.
+            description: of the progress bar.
+
+        Returns:
+            For each picture its faces, each (landmark, 2) pixels, pixel centres at +0.5.
+
+        Raises:
+            InputError: the detector is not there or does not work.
+        """
+        self.check()
+        request = {
+            "images": [str(picture.resolve()) for picture in pictures],
+            "masks": None if masks is None else str(masks.resolve()),
+            "face_model": None if self.face_model is None else str(self.face_model.resolve()),
+            "person_model": None if self.person_model is None else str(self.person_model.resolve()),
+        }
+        python = sys.executable if self.python is None else str(self.python)
+        found: list[list[np.ndarray]] = []
+        with (
+            TemporaryFile("w+", encoding="utf-8") as asked,
+            TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints,
+        ):
+            json.dump(request, asked)
+            asked.seek(0)
+            try:
+                # -I: nothing of this environment's paths goes into the other's.
+                process = subprocess.Popen(
+                    [python, "-I", str(WORKER)], stdin=asked, stdout=subprocess.PIPE, stderr=complaints, text=True
+                )
+            except OSError as error:
+                raise InputError(
+                    f"{python}: expected a Python with mediapipe, but it does not start ({error.strerror})."
+                ) from error
+            with process:
+                assert process.stdout is not None
+                for line in track(process.stdout, description, total=len(pictures)):
+                    answer = json.loads(line)
+                    if "error" in answer:
+                        raise InputError(
+                            f"Finding faces: expected MediaPipe to work, found: {answer['error']}; {ADVICE}."
+                        )
+                    found.append([_face(face) for face in answer["faces"]])
+            if len(found) < len(pictures):
+                complaints.seek(0)
+                last = complaints.read().strip().splitlines()[-1:] or [f"exit status {process.returncode}"]
+                raise InputError(f"Finding faces: expected MediaPipe to work, found: {last[0][:300]}; {ADVICE}.")
+        return found
+
+
+def _face(points: list) -> np.ndarray:
+    """One face's landmarks; models without irises give ten fewer, which then are not known."""
+    face = np.full((LANDMARKS, 2), np.nan)
+    known = np.asarray(points, dtype=np.float64)[:LANDMARKS]
+    face[: len(known)] = known
+    return face

@@ -1,0 +1,1 @@
+"""A template head fitted to a person."""

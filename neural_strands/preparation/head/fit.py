@@ -1,0 +1,146 @@
+"""From a calibrated face to the world: scale, frame and the placed head, and their files."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.preparation.cameras.calibration import Calibration
+from neural_strands.preparation.face.scale import (
+    TEMPLATE_SPREAD,
+    Scale,
+    ScaleCue,
+    combine,
+    face_cues,
+    landmark_distance,
+)
+from neural_strands.preparation.face.triangulate import triangulate_face
+from neural_strands.preparation.head.place import place, world_frame
+from neural_strands.preparation.head.template import Template, rescaled
+from neural_strands.scalp.fit_similarity import Similarity
+from neural_strands.scalp.head import Head
+
+FILE = "head.npz"
+FIGURES = "figures.json"
+
+
+@dataclass(frozen=True)
+class KnownSize:
+    """What the user measured.
+
+    Attributes:
+        metres_per_unit: of the cameras, if known.
+        pupil_distance: metres between the pupils, if known.
+    """
+
+    metres_per_unit: float | None = None
+    pupil_distance: float | None = None
+
+
+@dataclass(frozen=True)
+class FittedHead:
+    """A head placed on the person.
+
+    Attributes:
+        head: world metres.
+        landmarks: of the template, in world metres; NaN where not known.
+        frame: from the cameras' frame to the world.
+        figures: what was measured on the way, for the report.
+    """
+
+    head: Head
+    landmarks: Float[Tensor, "landmark 3"]
+    frame: Similarity
+    figures: dict[str, Any]
+
+    def save(self, folder: Path) -> None:
+        """Write `head.npz` and `figures.json`."""
+        np.savez(
+            folder / FILE,
+            vertices=self.head.mesh.vertices.numpy(),
+            faces=self.head.mesh.faces.numpy(),
+            scalp_faces=self.head.scalp_faces.numpy(),
+            scalp_uv=self.head.scalp_uv.numpy(),
+            landmarks=self.landmarks.numpy(),
+            scale=self.frame.scale,
+            rotation=self.frame.rotation.numpy(),
+            translation=self.frame.translation.numpy(),
+        )
+        (folder / FIGURES).write_text(json.dumps(self.figures, indent=1), encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> "FittedHead":
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: a file is missing or damaged.
+        """
+        try:
+            with np.load(folder / FILE, allow_pickle=False) as stored:
+                values = {name: torch.from_numpy(stored[name]) for name in stored.files}
+            figures = json.loads((folder / FIGURES).read_text(encoding="utf-8"))
+            head = Head(Mesh(values["vertices"], values["faces"]), values["scalp_faces"], values["scalp_uv"])
+            frame = Similarity(float(values["scale"]), values["rotation"], values["translation"])
+            return cls(head, values["landmarks"], frame, figures)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{folder}: expected the head of an earlier stage, found something else; remove the folder."
+            ) from error
+
+
+def fit_head(
+    calibration: Calibration,
+    faces: Sequence[Sequence[np.ndarray]],
+    template: Template,
+    known: KnownSize,
+    say: Callable[[str], None],
+) -> FittedHead:
+    """Place a template on the person by its face, and make its frame and the metre those of the world.
+
+    Args:
+        calibration: cameras in any frame and unit.
+        faces: for each view its detected faces.
+        template: a head with landmarks.
+        known: what the user measured.
+        say: takes sentences for the user.
+
+    Raises:
+        InputError: the views do not agree on one face, or too few landmarks are known.
+    """
+    face = triangulate_face(calibration.cameras, faces)
+    agreed = int((face.views >= 0).sum())
+    say(f"{agreed} of {len(faces)} photographs agree on the face, to {face.error:.1f} pixels.")
+    placement = place(template, face)
+    cues = face_cues(face, calibration.cameras, faces)
+    cues.append(ScaleCue("template", 1.0 / placement.fit.scale, TEMPLATE_SPREAD))
+    scale = combine(cues)
+    if known.metres_per_unit is not None:
+        scale = Scale(known.metres_per_unit, 0.0)
+    elif known.pupil_distance is not None:
+        length, error = landmark_distance(face, "right_iris", "left_iris")
+        if not length > 0:
+            raise InputError("--pupil-distance: expected both irises among the landmarks, found none; use --scale.")
+        scale = Scale(known.pupil_distance / length, error)
+    say(scale.sentence())
+    frame = world_frame(placement, scale.metres_per_unit)
+    placed = rescaled(template, scale.metres_per_unit * placement.fit.scale)
+    residual = placement.residual * scale.metres_per_unit * placement.fit.scale
+    say(f"The head lies on {placement.landmarks} landmarks, {1000 * residual:.1f} mm from them in the median.")
+    figures = {
+        "views_with_face": agreed,
+        "landmark_error_px": round(face.error, 3),
+        "landmarks_used": placement.landmarks,
+        "landmark_residual_mm": round(1000 * residual, 3),
+        "metres_per_camera_unit": scale.metres_per_unit,
+        "scale_error": round(scale.error, 4),
+        "scale_cues": {cue.name: [cue.metres_per_unit, round(cue.error, 4)] for cue in cues},
+    }
+    return FittedHead(placed.head, placed.landmarks, frame, figures)

@@ -1,0 +1,86 @@
+"""Placing a template head on a person: the similarity that takes its landmarks to those of the photographs.
+
+Only landmarks that stay on the skin are used; the border of the face slips towards the silhouette, and lips open.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.face.triangulate import TriangulatedFace
+from neural_strands.preparation.head.template import Template
+from neural_strands.scalp.fit_similarity import Similarity, umeyama
+
+FEWEST = 8
+"""Landmarks that both must have."""
+LIKENESS = 0.003
+"""Metres by which a person's face is expected to differ from the template's."""
+ROUNDS = 30
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a template lies.
+
+    Attributes:
+        fit: from the template's metres to the cameras' frame.
+        residual: median distance of the landmarks that were used, metres of the template.
+        landmarks: how many were used.
+    """
+
+    fit: Similarity
+    residual: float
+    landmarks: int
+
+
+def place(template: Template, face: TriangulatedFace) -> Placement:
+    """Fit the similarity by least squares, reweighted so that landmarks in which the two differ count less.
+
+    Raises:
+        InputError: too few landmarks are known on both.
+    """
+    inside = np.array(INTERIOR)
+    source = template.landmarks.double().numpy()[inside]
+    target = face.points[inside]
+    known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    if known.sum() < FEWEST:
+        raise InputError(
+            f"Placing the head: expected at least {FEWEST} landmarks known on both template and person, found "
+            f"{known.sum()}; give more landmarks, or a template with a plainer face."
+        )
+    source, target = source[known], target[known]
+    spread = np.nan_to_num(template.spread.double().numpy()[inside][known])
+    error = np.nan_to_num(face.spread[inside][known])
+    weights = np.ones(len(source))
+    for _ in range(ROUNDS):
+        fit = umeyama(source, target, weights)
+        gap = np.linalg.norm(fit.inverse().apply(torch.from_numpy(target)).numpy() - source, axis=1)
+        variance = LIKENESS**2 + spread**2 + (error / fit.scale) ** 2
+        # Geman and McClure's weights.
+        weights = (1.0 + gap**2 / variance) ** -2 / variance
+    return Placement(fit, float(np.median(gap)), len(source))
+
+
+def world_frame(placement: Placement, metres_per_unit: float) -> Similarity:
+    """The transform from the cameras' frame to the world: the template's axes and origin, metres."""
+    back = placement.fit.inverse()
+    factor = metres_per_unit / back.scale
+    return Similarity(metres_per_unit, back.rotation, factor * back.translation)
+
+
+def cameras_in_world(cameras: Sequence[Camera], frame: Similarity) -> tuple[Camera, ...]:
+    """Cameras whose world is moved, turned and scaled by `frame`."""
+    return tuple(replace(camera, world_to_camera=_moved(camera, frame)) for camera in cameras)
+
+
+def _moved(camera: Camera, frame: Similarity) -> torch.Tensor:
+    rotation = camera.rotation.double() @ frame.rotation.double().T
+    translation = frame.scale * camera.world_to_camera[:3, 3].double() - rotation @ frame.translation.double()
+    moved = torch.eye(4, dtype=torch.float64)
+    moved[:3, :3], moved[:3, 3] = rotation, translation
+    return moved.float()

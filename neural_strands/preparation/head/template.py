@@ -1,0 +1,170 @@
+"""A template head: a mesh with a scalp, and where the face's landmarks lie on it.
+
+Landmarks of any template come from the detector itself: the mesh is drawn from some frontal views, the detector looks
+at the drawings, and the rays through what it finds meet the mesh.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.closest import closest_points
+from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
+from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.topology import LANDMARKS
+from neural_strands.preparation.photographs.folder import write_picture
+from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
+from neural_strands.scalp.hairline import measure_head
+from neural_strands.scalp.head import Head
+
+BUST = 0.42
+"""Metres below the crown that are kept of a whole body."""
+SIZE = 640
+"""Side of the drawings, pixels."""
+DISTANCE = 0.7
+SPAN = 0.42
+"""Distance of the drawings' cameras and width that they show at the face, metres."""
+VIEWS = tuple(
+    (azimuth, elevation) for elevation in (-12.0, 0.0, 12.0) for azimuth in (-30.0, -18.0, -6.0, 6.0, 18.0, 30.0)
+)
+"""Degrees to the side and up from which the template is drawn."""
+SKIN, BACKGROUND = (0.80, 0.60, 0.50), (0.35, 0.38, 0.42)
+LIGHT = (0.35, 0.55, 0.75)
+"""Direction to the light."""
+AMBIENT = 0.35
+FACING = 0.3
+"""Cosine between normal and line of sight from which a landmark's ray is believed."""
+FEWEST_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class Template:
+    """A head to be fitted.
+
+    Attributes:
+        head: metres, y up, +z out of the face, the crown at (0, 0.12, 0) or so.
+        landmarks: on the head's surface; NaN where not known.
+        spread: how far views disagreed about each landmark, metres; NaN where not known.
+    """
+
+    head: Head
+    landmarks: Float[Tensor, "landmark 3"]
+    spread: Float[Tensor, " landmark"]
+
+
+def bust(head: Head) -> Head:
+    """The head and shoulders of a head or a whole body, moved to the origin between the ears."""
+    measure = measure_head(head.mesh.vertices)
+    vertices = head.mesh.vertices - (measure.crown - torch.tensor([0.0, 0.12, 0.0]))
+    kept = (vertices[head.mesh.faces][..., 1] > 0.12 - BUST).all(dim=1)
+    faces = head.mesh.faces[kept]
+    used = torch.unique(faces)
+    number = torch.full((len(vertices),), -1)
+    number[used] = torch.arange(len(used))
+    face_number = torch.cumsum(kept, 0) - 1
+    uv = None if head.mesh.corner_uv is None else head.mesh.corner_uv[kept]
+    on_bust = kept[head.scalp_faces]
+    scalp = face_number[head.scalp_faces[on_bust]]
+    return Head(Mesh(vertices[used], number[faces], uv), scalp, head.scalp_uv[on_bust])
+
+
+def find_landmarks(head: Head, detector: Detector, folder: Path, name: str) -> Template:
+    """Let the detector find the face of a head in drawings of it, which are left in `folder`.
+
+    Args:
+        head: metres, upright, as `bust` returns it.
+        detector: finds faces.
+        folder: an existing folder.
+        name: what messages call the head.
+
+    Raises:
+        InputError: the detector finds no face in most drawings.
+    """
+    cameras = [_camera(*view) for view in VIEWS]
+    buffers, pictures = [], []
+    for camera in cameras:
+        buffer = rasterise_triangles(head.mesh.vertices, head.mesh.faces, camera)
+        buffers.append(buffer)
+        pictures.append(folder / f"{camera.name}.png")
+        write_picture(pictures[-1], draw(head.mesh, camera, buffer))
+    faces = detector.detect(pictures, description="finding the template's face")
+    cast = [
+        _cast(head.mesh, camera, buffer, torch.from_numpy(found[0]).float())
+        for camera, buffer, found in zip(cameras, buffers, faces, strict=True)
+        if found
+    ]
+    if len(cast) < FEWEST_VIEWS:
+        raise InputError(
+            f"{name}: expected a head whose face the detector finds, found one in {len(cast)} of {len(cameras)} "
+            "drawings of it; give a template with eyes, nose and mouth (y up, +z out of the face)."
+        )
+    landmarks, spread = _agreed(torch.stack(cast))
+    known = torch.isfinite(landmarks).all(dim=1)
+    on_surface = closest_points(landmarks[known], head.mesh).position
+    landmarks[known] = on_surface
+    return Template(head, landmarks, spread)
+
+
+def draw(mesh: Mesh, camera: Camera, buffer: TriangleBuffer) -> np.ndarray:
+    """A plain picture of a mesh: 8-bit RGB, one lamp and some ambient light."""
+    normals = vertex_normals(mesh)[mesh.faces]
+    face = buffer.face.clamp(min=0).view(-1)
+    normal = torch.nn.functional.normalize(interpolate(normals, face, buffer.barycentric.view(-1, 3)), dim=-1)
+    light = torch.nn.functional.normalize(camera.rotation.T @ torch.tensor([LIGHT[0], -LIGHT[1], -LIGHT[2]]), dim=0)
+    shade = AMBIENT + (1.0 - AMBIENT) * (normal @ light).clamp(min=0.0)
+    colour = torch.tensor(SKIN) * shade[:, None]
+    colour = torch.where((buffer.face.view(-1) >= 0)[:, None], colour, torch.tensor(BACKGROUND))
+    return (colour.view(camera.height, camera.width, 3) ** (1 / 2.2) * 255).round().to(torch.uint8).numpy()
+
+
+def _camera(azimuth: float, elevation: float) -> Camera:
+    turn = torch.deg2rad(torch.tensor([azimuth, elevation]))
+    direction = torch.stack([turn[0].sin() * turn[1].cos(), turn[1].sin(), turn[0].cos() * turn[1].cos()])
+    target = torch.tensor([0.0, -0.01, 0.03])
+    focal = SIZE * DISTANCE / SPAN
+    name = f"{azimuth:+03.0f}{elevation:+03.0f}"
+    return Camera.look_at(target + DISTANCE * direction, target, focal, (SIZE, SIZE), name)
+
+
+def _cast(
+    mesh: Mesh, camera: Camera, buffer: TriangleBuffer, pixels: Float[Tensor, "landmark 2"]
+) -> Float[Tensor, "landmark 3"]:
+    """Where the rays through landmarks meet the mesh; NaN where they miss or graze it."""
+    inside = (pixels.nan_to_num(-1.0) >= 0).all(dim=1) & (pixels.nan_to_num(1e9) < SIZE).all(dim=1)
+    column, row = pixels.nan_to_num(0.0).floor().long().clamp(0, SIZE - 1).unbind(dim=1)
+    face, depth = buffer.face[row, column], buffer.depth[row, column]
+    corners = mesh.corners()[face.clamp(min=0)]
+    normal = torch.nn.functional.normalize(
+        torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), dim=-1
+    )
+    facing = -(normal * camera.rays(pixels)).sum(dim=-1)
+    hit = inside & (face >= 0) & (facing > FACING)
+    points = camera.unproject(pixels, depth)
+    return torch.where(hit[:, None], points, torch.nan)
+
+
+def _agreed(cast: Float[Tensor, "view landmark 3"]) -> tuple[Float[Tensor, "landmark 3"], Float[Tensor, " landmark"]]:
+    """The median over views of each landmark, and the median distance of the views from it."""
+    middle = cast.nanmedian(dim=0).values
+    away = (cast - middle).norm(dim=-1)
+    spread = away.nanmedian(dim=0).values
+    few = torch.isfinite(cast).all(dim=-1).sum(dim=0) < FEWEST_VIEWS
+    middle[few], spread[few] = torch.nan, torch.nan
+    return middle, spread
+
+
+def unknown_landmarks() -> Float[Tensor, "landmark 3"]:
+    """Landmarks of which none is known."""
+    return torch.full((LANDMARKS, 3), torch.nan)
+
+
+def rescaled(template: Template, factor: float) -> Template:
+    """The template made larger or smaller about its origin."""
+    head = template.head.transformed(factor, torch.eye(3), torch.zeros(3))
+    return replace(template, head=head, landmarks=factor * template.landmarks, spread=factor * template.spread)

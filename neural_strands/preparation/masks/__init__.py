@@ -1,0 +1,1 @@
+"""Masks of the person and of the hair."""

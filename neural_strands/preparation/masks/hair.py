@@ -1,0 +1,164 @@
+"""Masks of the hair without any model of hair: the placed head, the person's outline and colour.
+
+A pixel is hair, the rest of the person, or background. The head says where hair is likely (`zones.py`); the colours of
+hair are one histogram over all views, begun on the scalp above the forehead and beside the head; those of skin, clothes
+and background are each view's own. A random walk draws the border along edges. Then the views vote on each point of the
+head's surface, so that all agree on the hairline, colours are learned again from what was found, and it is done again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from neural_strands.foundation.progress import track
+from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.masks.colours import ColourHistogram, colour_cells
+from neural_strands.preparation.masks.random_walk import random_walk
+from neural_strands.preparation.masks.zones import ZonedHead, Zones, votes
+from neural_strands.preparation.photographs.folder import read_picture
+
+LONGEST_SIDE = 1024
+"""Pixels at which masks are computed; larger pictures get theirs enlarged."""
+ROUNDS = 2
+STRENGTH = 0.03
+"""Of the evidence against a link of the random walk."""
+SURE = 0.9
+"""Probability from which a pixel teaches a colour."""
+PERSON_RANGE = (0.02, 0.98)
+"""How sure the person's outline may be: it comes from a coarse network."""
+VOTE_RANGE = (0.02, 0.98)
+FEWEST_VOTES = 2
+LOOSE = 1.5
+"""Pixels by which masks reach over what was found, at the size they were computed at: hair left out is lost, a border
+of background is learned away (about 1 dB in the hair for 4 pixels)."""
+NO_OUTLINE = 0.06
+"""Metres about the head that may be the person's where no outline is known."""
+
+
+@dataclass(frozen=True)
+class HairMasks:
+    """Masks of every view.
+
+    Attributes:
+        coverage: for each view (height, width) of hair, 8 bits.
+        vote: (vertex,) share of the views that show a vertex of the head and see hair before it; NaN where none does.
+    """
+
+    coverage: tuple[np.ndarray, ...]
+    vote: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What a view says that does not change: its picture, cells of colour, zones, and the person's outline."""
+
+    picture: np.ndarray
+    cells: np.ndarray
+    zones: Zones
+    person: np.ndarray
+
+
+def find_hair(
+    cameras: Sequence[Camera],
+    pictures: Sequence[Path],
+    head: ZonedHead,
+    outlines: Sequence[Path | None],
+) -> HairMasks:
+    """Find the hair of every view.
+
+    Args:
+        cameras: in world metres.
+        pictures: undistorted.
+        head: the placed template with its zones.
+        outlines: for each view a mask of the person, if there is one.
+    """
+    scale = [min(1.0, LONGEST_SIDE / max(camera.width, camera.height)) for camera in cameras]
+    small = [
+        camera.resized(max(1, round(camera.width * k)), max(1, round(camera.height * k)))
+        for camera, k in zip(cameras, scale, strict=True)
+    ]
+    seen = [
+        _look(camera, picture, head, outline)
+        for camera, picture, outline in track(
+            list(zip(small, pictures, outlines, strict=True)), "looking at the person"
+        )
+    ]
+    found = [np.where(view.zones.face, 0.0, _first_guess(view)) for view in seen]
+    prior: torch.Tensor | None = None
+    vote = np.zeros(0)
+    for number in range(ROUNDS):
+        hair = ColourHistogram.of([view.cells[guess > SURE] for view, guess in zip(seen, found, strict=True)])
+        found = [
+            _segment(view, guess, hair, head, camera, prior)
+            for view, guess, camera in track(
+                list(zip(seen, found, small, strict=True)), f"finding hair, round {number + 1} of {ROUNDS}"
+            )
+        ]
+        mean, count = votes([view.zones for view in seen], found)
+        vote = np.where(count >= FEWEST_VOTES, mean, np.nan)
+        known = torch.from_numpy(np.clip(np.nan_to_num(vote), *VOTE_RANGE)).to(head.prior)
+        # The face stays face: beards and brows have the colour of hair.
+        replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
+        prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
+    coverage = tuple(
+        _finished(guess, (camera.width, camera.height)) for guess, camera in zip(found, cameras, strict=True)
+    )
+    return HairMasks(coverage, vote)
+
+
+def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> _Seen:
+    size = (camera.width, camera.height)
+    picture = cv2.resize(read_picture(path), size, interpolation=cv2.INTER_AREA)
+    zones = head.seen_by(camera)
+    if outline is not None:
+        person = cv2.resize(read_picture(outline)[..., 0], size, interpolation=cv2.INTER_LINEAR) / np.float32(255)
+    else:
+        reach = NO_OUTLINE / camera.footprint(float((head.head.mesh.vertices.mean(dim=0) - camera.position).norm()))
+        gap = cv2.distanceTransform((~(zones.head | zones.scalp)).astype(np.uint8), cv2.DIST_L2, 5)
+        person = 1.0 / (1.0 + np.exp(np.clip((gap - reach) / (0.3 * reach), -30, 30)))
+    return _Seen(picture, colour_cells(picture), zones, np.clip(person, *PERSON_RANGE).astype(np.float32))
+
+
+def _first_guess(view: _Seen) -> np.ndarray:
+    """Where hair is before its colour is known: on the scalp's inside, and the person beside the head."""
+    inner = cv2.erode(view.zones.scalp.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    return np.where(inner | view.zones.scalp, view.zones.prior, view.zones.prior * view.person**2) * view.person
+
+
+def _segment(
+    view: _Seen,
+    guess: np.ndarray,
+    hair: ColourHistogram,
+    head: ZonedHead,
+    camera: Camera,
+    prior: torch.Tensor | None,
+) -> np.ndarray:
+    """Evidence of each pixel from zone, outline and colour, then the random walk."""
+    zones = view.zones if prior is None else head.seen_by(camera, prior)
+    is_person = view.person > 0.5
+    skin = ColourHistogram.of([view.cells[zones.face & (guess < 0.5)]])
+    rest = ColourHistogram.of([view.cells[is_person & (guess < 0.5) & ~zones.face]])
+    background = ColourHistogram.of([view.cells[view.person < 0.1]])
+    of_hair = view.person * zones.prior * hair(view.cells)
+    of_person = view.person * (1.0 - zones.prior) * 0.5 * (skin(view.cells) + rest(view.cells))
+    of_background = (1.0 - view.person) * background(view.cells)
+    evidence = of_hair / (of_hair + of_person + of_background + 1e-12)
+    return random_walk(view.picture, evidence, STRENGTH)
+
+
+def _finished(coverage: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A mask a little loose, its border a pixel soft, in the picture's size, without specks."""
+    solid = (coverage > 0.5).astype(np.uint8)
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(solid)
+    if count > 1:
+        large = facts[:, cv2.CC_STAT_AREA] >= 0.01 * facts[1:, cv2.CC_STAT_AREA].max()
+        large[0] = False
+        solid = large[labels].astype(np.uint8)
+    outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5)
+    soft = np.clip(LOOSE + 1.0 - outside, 0.0, 1.0) if solid.any() else np.zeros_like(coverage)
+    soft = cv2.resize(soft.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    return np.rint(soft * 255).astype(np.uint8)

@@ -1,0 +1,119 @@
+"""What the placed head says about each pixel before any colour is looked at: how likely a person's pixel is hair."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.face.topology import INTERIOR, NAMED
+from neural_strands.raster.triangles import rasterise_triangles
+from neural_strands.scalp.head import Head
+
+FACE, FOREHEAD, SCALP, SIDE, NECK = 0.01, 0.30, 0.93, 0.40, 0.20
+"""Probability of hair before the face below the brows, forehead, scalp, ears and nape, and all below the chin."""
+BESIDE, BELOW = 0.93, 0.30
+"""The same beside the head's silhouette, above the chin and a hand's breadth below it."""
+HAND = 0.10
+"""Metres over which the one passes into the other."""
+NEAR_LANDMARK = 0.012
+"""Metres from a landmark within which the template is face."""
+
+
+@dataclass(frozen=True)
+class Zones:
+    """One view of the placed head.
+
+    Attributes:
+        prior: (height, width) probability that a pixel of the person is hair.
+        face: (height, width) the face below the brows: skin, but for eyes, mouth and beard.
+        scalp: (height, width) the scalp.
+        head: (height, width) the head above the chin.
+        shown: (vertex,) the template's vertices that the view shows.
+        pixel: (vertex, 2) column and row of each of these vertices, whole numbers.
+    """
+
+    prior: np.ndarray
+    face: np.ndarray
+    scalp: np.ndarray
+    head: np.ndarray
+    shown: np.ndarray
+    pixel: np.ndarray
+
+
+@dataclass(frozen=True)
+class ZonedHead:
+    """A head in world metres whose vertices know their zone.
+
+    Attributes:
+        head: the placed template.
+        prior: (vertex,) probability of hair before each vertex.
+        on_face: (vertex,) whether it belongs to the face below the brows.
+        chin: height of the chin, metres.
+    """
+
+    head: Head
+    prior: Float[Tensor, " vertex"]
+    on_face: Tensor
+    chin: float
+
+    @classmethod
+    def of(cls, head: Head, landmarks: Float[Tensor, "landmark 3"]) -> "ZonedHead":
+        """Tell the zones from the template's landmarks, in world metres."""
+        vertices = head.mesh.vertices
+        brow_height = landmarks[[NAMED["right_brow_inner"], NAMED["left_brow_inner"]], 1].nanmean()
+        chin = landmarks[NAMED["chin"], 1]
+        marks = landmarks[list(INTERIOR)]
+        marks = marks[torch.isfinite(marks).all(dim=1)]
+        gap = torch.cdist(vertices, marks).amin(dim=1)
+        height = vertices[:, 1]
+        on_face = (gap < NEAR_LANDMARK) & (height < brow_height - 0.005)
+        prior = torch.full_like(height, SIDE)
+        prior[height < chin - 0.01] = NECK
+        front = vertices[:, 2] > landmarks[[NAMED["right_cheek"], NAMED["left_cheek"]], 2].nanmean()
+        prior[front & (height > brow_height - 0.005)] = FOREHEAD
+        prior[front & (height <= brow_height - 0.005) & (height >= chin - 0.01)] = 0.5 * FOREHEAD
+        prior[on_face] = FACE
+        prior[head.mesh.faces[head.scalp_faces].unique()] = SCALP
+        return cls(head, prior, on_face, float(chin))
+
+    def seen_by(self, camera: Camera, prior: Float[Tensor, " vertex"] | None = None) -> Zones:
+        """The zones in a view; `prior` stands for the vertices' own if given."""
+        mesh = self.head.mesh
+        values = self.prior if prior is None else prior
+        buffer = rasterise_triangles(mesh.vertices, mesh.faces, camera)
+        face = buffer.face.clamp(min=0)
+        covered = buffer.face >= 0
+        inside = (values[mesh.faces[face]] * buffer.barycentric).sum(dim=-1)
+        on_face = (self.on_face.float()[mesh.faces[face]] * buffer.barycentric).sum(dim=-1) > 0.99
+        depth = (self.head.scalp_mesh.corners().mean(dim=(0, 1)) - camera.position) @ camera.rotation[2]
+        height = camera.unproject(camera.pixel_centres(), depth.expand(camera.height, camera.width))[..., 1]
+        below = ((self.chin - height) / HAND).clamp(0.0, 1.0)
+        whole = torch.where(covered, inside, BESIDE + (BELOW - BESIDE) * below)
+        pixel, distance = camera.project(mesh.vertices)
+        column, row = pixel.nan_to_num(-1.0).floor().long().unbind(dim=1)
+        within = (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height) & (distance > 0)
+        column, row = column.clamp(0, camera.width - 1), row.clamp(0, camera.height - 1)
+        shown = within & (distance < buffer.depth[row, column] + 0.004)
+        return Zones(
+            whole.numpy(),
+            (covered & on_face).numpy(),
+            (covered & torch.isin(buffer.face, self.head.scalp_faces)).numpy(),
+            (covered & (height > self.chin)).numpy(),
+            shown.numpy(),
+            torch.stack([column, row], dim=1).numpy(),
+        )
+
+
+def votes(zones: Sequence[Zones], coverage: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """How often each vertex lies behind hair, (vertex,) in [0, 1], and how many views show it."""
+    total = np.zeros(len(zones[0].shown))
+    count = np.zeros(len(zones[0].shown))
+    for zone, covered in zip(zones, coverage, strict=True):
+        column, row = zone.pixel[zone.shown].T
+        total[zone.shown] += covered[row, column]
+        count[zone.shown] += 1
+    return total / np.maximum(count, 1), count

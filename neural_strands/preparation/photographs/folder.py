@@ -1,0 +1,214 @@
+"""Photographs from a folder: turned upright, converted to sRGB, made no larger than asked, written as PNG.
+
+PNG because later stages read them again, and because nothing of a camera's metadata (such as a place) goes with it.
+"""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
+"""Names of files that are taken for photographs, in any case."""
+FEWEST = 3
+"""Photographs that cameras can be found for at all."""
+FILM_DIAGONAL = math.hypot(36.0, 24.0)
+"""Millimetres across 35 mm film, to which EXIF's equivalent focal length refers."""
+MAKE, MODEL, EXIF, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0xA405
+"""EXIF tags."""
+LIST = "photographs.json"
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One upright photograph.
+
+    Attributes:
+        name: of its file, unlike that of any other.
+        source: the file it was made from.
+        width: pixels.
+        height: pixels.
+        focal: focal length in pixels that the camera noted, 0 if it noted none.
+        device: maker and model of the camera, empty if unknown.
+    """
+
+    name: str
+    source: str
+    width: int
+    height: int
+    focal: float = 0.0
+    device: str = ""
+
+
+def find_photographs(folder: Path) -> list[Path]:
+    """The photographs of a folder, sorted by name.
+
+    Raises:
+        InputError: there is no such folder, or it holds too few photographs.
+    """
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: expected a folder of photographs, found {'a file' if folder.exists() else 'nothing'}; "
+            "check the path."
+        )
+    found = sorted(
+        path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    )
+    if len(found) < FEWEST:
+        raise InputError(
+            f"{folder}: expected at least {FEWEST} photographs of the head from different sides (24 or more are "
+            f"better), found {len(found)}; take more."
+        )
+    return found
+
+
+def import_photographs(
+    paths: Sequence[Path], out: Path, longest_side: int, say: Callable[[str], None]
+) -> list[Photograph]:
+    """Write each photograph to `out` as an upright PNG, and list them in `photographs.json`.
+
+    A file that does not decode is left out, and said so.
+
+    Args:
+        paths: photographs.
+        out: an existing folder.
+        longest_side: pixels that neither side exceeds afterwards.
+        say: takes sentences for the user.
+
+    Raises:
+        InputError: fewer than three decode, or HEIC files come without the package that reads them.
+    """
+    _register_heic(paths)
+    photographs: list[Photograph] = []
+    names: set[str] = set()
+    for path in track(paths, "reading photographs"):
+        try:
+            with Image.open(path) as image:
+                pixels, focal, device = _upright(image, longest_side)
+        # Pillow's decoders raise whatever the damage makes of them.
+        except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            say(f"{path.name} does not decode ({str(error)[:100]}) and is left out.")
+            continue
+        name = f"{_unique(path, names)}.png"
+        write_picture(out / name, pixels)
+        height, width = pixels.shape[:2]
+        photographs.append(Photograph(name, path.name, width, height, focal, device))
+    if len(photographs) < FEWEST:
+        raise InputError(
+            f"{paths[0].parent}: expected at least {FEWEST} photographs that decode, found {len(photographs)}; "
+            "export them again as JPEG."
+        )
+    write_list(out, photographs)
+    return photographs
+
+
+def write_list(folder: Path, photographs: Sequence[Photograph]) -> None:
+    """Write `photographs.json`."""
+    document = [asdict(photograph) for photograph in photographs]
+    (folder / LIST).write_text(json.dumps(document, indent=1), encoding="utf-8")
+
+
+def read_list(folder: Path) -> list[Photograph]:
+    """Read what `write_list` wrote."""
+    return [Photograph(**row) for row in json.loads((folder / LIST).read_text(encoding="utf-8"))]
+
+
+def write_picture(path: Path, pixels: np.ndarray) -> None:
+    """Write 8-bit RGB or grey pixels as PNG.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written to.
+    """
+    ordered = pixels[:, :, ::-1] if pixels.ndim == 3 else pixels
+    encoded = cv2.imencode(".png", np.ascontiguousarray(ordered))[1]
+    path.write_bytes(encoded.tobytes())
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """Read 8-bit RGB pixels (height, width, 3) of a picture that this program wrote.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    encoded = np.fromfile(path, np.uint8) if path.is_file() else np.zeros(0, np.uint8)
+    pixels = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
+    if pixels is None:
+        raise InputError(f"{path}: expected a picture of an earlier stage, found none; remove that stage's folder.")
+    return np.ascontiguousarray(pixels[:, :, ::-1])
+
+
+def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, str]:
+    """Pixels (height, width, 3), focal length in their pixels, and the device."""
+    exif = image.getexif()
+    device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (MAKE, MODEL)).strip()
+    equivalent = exif.get_ifd(EXIF).get(FOCAL_35MM, 0)
+    profile = image.info.get("icc_profile")
+    image = ImageOps.exif_transpose(image)
+    image = _in_srgb(image, profile)
+    shrink = min(1.0, longest_side / max(image.size))
+    pixels = np.asarray(image)
+    if shrink < 1.0:
+        size = (max(1, round(image.width * shrink)), max(1, round(image.height * shrink)))
+        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    height, width = pixels.shape[:2]
+    try:
+        focal = float(equivalent) * math.hypot(width, height) / FILM_DIAGONAL
+    except (TypeError, ValueError, ZeroDivisionError):
+        focal = 0.0
+    return pixels, focal if math.isfinite(focal) else 0.0, device
+
+
+def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:
+    """8-bit RGB in sRGB: phones write Display P3. A damaged profile is taken for sRGB."""
+    if image.mode.startswith("I;16") or image.mode == "I":
+        grey = np.asarray(image, dtype=np.float64) / 257.0
+        image = Image.fromarray(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
+    if image.mode in ("RGBA", "LA", "PA", "P"):
+        image = image.convert("RGBA")
+        image = Image.alpha_composite(Image.new("RGBA", image.size, (0, 0, 0, 255)), image)
+    image = image.convert("RGB")
+    if not profile:
+        return image
+    try:
+        source = ImageCms.ImageCmsProfile(BytesIO(profile))
+        converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"))
+    except (ImageCms.PyCMSError, OSError):
+        return image
+    return converted or image
+
+
+def _unique(path: Path, names: set[str]) -> str:
+    """The file's stem, numbered where another file (in another case, or of another format) has it already."""
+    stem, number = path.stem, 2
+    while stem.lower() in names:
+        stem, number = f"{path.stem}-{number}", number + 1
+    names.add(stem.lower())
+    return stem
+
+
+def _register_heic(paths: Sequence[Path]) -> None:
+    """Teach Pillow to read HEIC where there is any.
+
+    Raises:
+        InputError: pillow-heif is not installed.
+    """
+    heic = [path for path in paths if path.suffix.lower() in (".heic", ".heif")]
+    if not heic:
+        return
+    try:
+        from pillow_heif import register_heif_opener
+    except ImportError as error:
+        raise InputError(
+            f"{heic[0]}: expected the package pillow-heif to read HEIC, found none; run "
+            "`pip install 'neural-strands[photos]'`, or export the photographs as JPEG."
+        ) from error
+    register_heif_opener()

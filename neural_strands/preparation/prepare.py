@@ -1,0 +1,331 @@
+"""From a folder of photographs to a capture, in stages that are kept on disk and skipped when nothing changed.
+
+photographs   upright pictures in sRGB
+matches       features and their matches (not with given cameras)
+model         COLMAP's model (not with given cameras)
+cameras       undistorted pictures and their cameras
+face          faces in each picture, and masks of the person
+template      the template's landmarks
+head          scale, frame, and the head in them
+masks         hair
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from neural_strands.capture.colmap import read_colmap
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.cameras.calibration import (
+    IMAGES,
+    Calibration,
+    SparsePoints,
+    calibrate,
+    write_transforms,
+)
+from neural_strands.preparation.cameras.given import by_name, read_cameras
+from neural_strands.preparation.cameras.register import match_photographs, register
+from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
+from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
+from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.template import Template, bust, find_landmarks
+from neural_strands.preparation.masks.hair import find_hair
+from neural_strands.preparation.masks.zones import ZonedHead
+from neural_strands.preparation.photographs.folder import (
+    find_photographs,
+    import_photographs,
+    read_list,
+    write_picture,
+)
+from neural_strands.preparation.stage import Stage, digest_files, run_stage
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.load import load_head
+
+STAGES = "preparation"
+"""Folder of the stages, in the capture."""
+PERSON = "person"
+VOTES = "votes.npy"
+HAIRLINE = 0.5
+"""Share of views that must see hair before a point for it to stay scalp."""
+
+
+@dataclass(frozen=True)
+class PrepareRequest:
+    """What to make a capture from.
+
+    Attributes:
+        photographs: a folder of pictures.
+        out: the capture.
+        cameras: cameras that are known already; found from the photographs if None.
+        landmarks: landmarks set by hand; detected if None.
+        template: a head mesh; the built-in one if None.
+        scalp: the template's scalp; found if None.
+        size: what the user measured.
+        detector: finds faces and people.
+        longest_side: pixels that neither side of a picture exceeds.
+    """
+
+    photographs: Path
+    out: Path
+    cameras: Path | None = None
+    landmarks: Path | None = None
+    template: Path | None = None
+    scalp: Path | None = None
+    size: KnownSize = field(default_factory=KnownSize)
+    detector: Detector = field(default_factory=Detector)
+    longest_side: int = 2048
+
+
+def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
+    """Make a capture of photographs; what earlier runs left is used where it still holds.
+
+    Args:
+        request: what to make it from.
+        say: takes sentences for the user.
+
+    Returns:
+        Figures of what was found, as `preparation.json` holds them.
+
+    Raises:
+        InputError: an input is missing or wrong, or the photographs do not allow a stage.
+    """
+    if request.landmarks is None or request.template is not None:
+        request.detector.check()
+    run = _Run(request, say)
+    photographs = run.photographs()
+    cameras = run.cameras(photographs)
+    calibration = Calibration.load(cameras.folder)
+    face = run.face(cameras, calibration)
+    head = run.head(cameras, calibration, face)
+    fitted = FittedHead.load(head.folder)
+    world = cameras_in_world(calibration.cameras, fitted.frame)
+    masks = run.masks(calibration, face, head, fitted, world)
+    figures = {
+        "photographs": len(read_list(photographs.folder)),
+        "cameras": len(world),
+        **fitted.figures,
+        **_write_capture(request.out, calibration, world, fitted, face, masks),
+    }
+    with atomic_file(request.out / "preparation.json") as path:
+        path.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    return figures
+
+
+class _Run:
+    """The stages of one request."""
+
+    def __init__(self, request: PrepareRequest, say: Callable[[str], None]) -> None:
+        self.request = request
+        self.say = say
+        self.root = request.out / STAGES
+
+    def _stage(self, name: str, inputs: dict[str, Any], work: Callable[[Path], None]) -> Stage:
+        stage, worked = run_stage(self.root / name, inputs, work)
+        if not worked:
+            self.say(f"{name}: done already.")
+        return stage
+
+    def photographs(self) -> Stage:
+        paths = find_photographs(self.request.photographs)
+        inputs = {"files": digest_files(paths), "longest_side": self.request.longest_side}
+
+        def work(out: Path) -> None:
+            found = import_photographs(paths, out, self.request.longest_side, self.say)
+            self.say(f"{len(found)} photographs read.")
+
+        return self._stage("photographs", inputs, work)
+
+    def cameras(self, photographs: Stage) -> Stage:
+        """Undistorted pictures with cameras, found or given."""
+        listed = read_list(photographs.folder)
+        given = self.request.cameras
+        if given is not None:
+            lenses = read_cameras(given)
+            poses = {name: [*lens.lens.intrinsics, *lens.world_to_camera.ravel()] for name, lens in lenses.items()}
+            inputs = {"photographs": photographs.digest, "given": poses}
+            points = SparsePoints.none()
+        else:
+            self.say("Finding cameras: some minutes.")
+            matches = self._stage(
+                "matches",
+                {"photographs": photographs.digest},
+                lambda out: match_photographs(photographs.folder, listed, out),
+            )
+
+            def work(out: Path) -> None:
+                found = register(photographs.folder, listed, matches.folder, out, self.say)
+                found.save(out)
+
+            model = self._stage("model", {"matches": matches.digest}, work)
+            lenses = by_name(read_colmap(photographs.folder, model.folder))
+            inputs = {"photographs": photographs.digest, "model": model.digest}
+            points = SparsePoints.load(model.folder)
+
+        def undistort(out: Path) -> None:
+            calibrate(photographs.folder, listed, lenses, points, out, self.say)
+
+        return self._stage("cameras", inputs, undistort)
+
+    def face(self, cameras: Stage, calibration: Calibration) -> Stage:
+        """Landmarks of each view, and masks of the person where the detector makes them."""
+        names = [picture.name for picture in calibration.pictures]
+        marks = self.request.landmarks
+        detector = self.request.detector
+        inputs = {"cameras": cameras.digest, "detector": _detector_inputs(detector)}
+        if marks is not None:
+            inputs["landmarks"] = _digest(marks)
+
+        def work(out: Path) -> None:
+            (out / PERSON).mkdir()
+            if marks is not None:
+                faces = read_marks(marks, names)
+            else:
+                faces = detector.detect(calibration.pictures, out / PERSON)
+                self.say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
+            write_faces(out, names, faces)
+
+        return self._stage("face", inputs, work)
+
+    def head(self, cameras: Stage, calibration: Calibration, face: Stage) -> Stage:
+        """The template on the person."""
+        template = self._template()
+        inputs = {
+            "cameras": cameras.digest,
+            "face": face.digest,
+            "template": template.digest,
+            "scale": self.request.size.metres_per_unit,
+            "pupil_distance": self.request.size.pupil_distance,
+        }
+
+        def work(out: Path) -> None:
+            faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
+            fit_head(calibration, faces, _load_template(template.folder), self.request.size, self.say).save(out)
+
+        return self._stage("head", inputs, work)
+
+    def _template(self) -> Stage:
+        path, scalp = self.request.template, self.request.scalp
+        if path is None:
+            raise InputError(
+                "--template: expected a head mesh with a face (such as MakeHuman's base mesh), found none; give one."
+            )
+        inputs = {
+            "mesh": _digest(path),
+            "scalp": None if scalp is None else _digest(scalp),
+            "detector": _detector_inputs(self.request.detector),
+        }
+
+        def work(out: Path) -> None:
+            found = find_landmarks(bust(load_head(path, scalp)), self.request.detector, out, str(path))
+            head = found.head
+            np.savez(
+                out / "template.npz",
+                vertices=head.mesh.vertices,
+                faces=head.mesh.faces,
+                scalp_faces=head.scalp_faces,
+                scalp_uv=head.scalp_uv,
+                landmarks=found.landmarks,
+                spread=found.spread,
+            )
+
+        return self._stage("template", inputs, work)
+
+    def masks(
+        self, calibration: Calibration, face: Stage, head: Stage, fitted: FittedHead, cameras: Sequence[Camera]
+    ) -> Stage:
+        """Masks of the hair."""
+
+        def work(out: Path) -> None:
+            zoned = ZonedHead.of(fitted.head, fitted.landmarks)
+            outlines = [_existing(face.folder / PERSON / picture.name) for picture in calibration.pictures]
+            found = find_hair(cameras, calibration.pictures, zoned, outlines)
+            for picture, coverage in zip(calibration.pictures, found.coverage, strict=True):
+                write_picture(out / picture.name, coverage)
+            np.save(out / VOTES, found.vote)
+
+        return self._stage("masks", {"face": face.digest, "head": head.digest}, work)
+
+
+def _write_capture(
+    out: Path,
+    calibration: Calibration,
+    cameras: Sequence[Camera],
+    fitted: FittedHead,
+    face: Stage,
+    masks: Stage,
+) -> dict[str, Any]:
+    """Put pictures, masks, head and cameras where a capture has them; the cameras last, for they make it one."""
+    scalp = person_scalp(fitted.head, np.load(masks.folder / VOTES))
+    (out / "transforms.json").unlink(missing_ok=True)
+    outlines = [_existing(face.folder / PERSON / picture.name) for picture in calibration.pictures]
+    coverage = [masks.folder / picture.name for picture in calibration.pictures]
+    for kind, files in ((IMAGES, calibration.pictures), ("masks", coverage), ("person_masks", outlines)):
+        shutil.rmtree(out / kind, ignore_errors=True)
+        there = [file for file in files if file is not None]
+        if there:
+            (out / kind).mkdir(parents=True)
+        for file in there:
+            _link(file, out / kind / file.name)
+    with atomic_file(out / "head.obj") as path:
+        mesh = fitted.head.mesh
+        vertices = ["v {:.7g} {:.7g} {:.7g}\n".format(*vertex) for vertex in mesh.vertices.tolist()]
+        faces = ["f {} {} {}\n".format(*corners) for corners in (mesh.faces + 1).tolist()]
+        path.write_text("".join([*vertices, *faces]), encoding="utf-8")
+    with atomic_file(out / "scalp_faces.json") as path:
+        path.write_text(json.dumps(scalp.tolist()), encoding="utf-8")
+    with atomic_file(out / "transforms.json") as path:
+        write_transforms(path, cameras)
+    return {"scalp_faces": len(scalp), "template_scalp_faces": len(fitted.head.scalp_faces)}
+
+
+def person_scalp(head: Head, vote: np.ndarray) -> torch.Tensor:
+    """The scalp's faces that no view shows bare: where all photographs together see skin, nothing is rooted."""
+    bare = torch.from_numpy(np.nan_to_num(vote, nan=1.0) < HAIRLINE)
+    faces = head.mesh.faces[head.scalp_faces]
+    kept = head.scalp_faces[~bare[faces].all(dim=1)]
+    return kept if len(kept) else head.scalp_faces
+
+
+def _load_template(folder: Path) -> Template:
+    from neural_strands.geometry.mesh import Mesh
+
+    with np.load(folder / "template.npz", allow_pickle=False) as stored:
+        values = {name: torch.from_numpy(stored[name]) for name in stored.files}
+    head = Head(Mesh(values["vertices"], values["faces"]), values["scalp_faces"], values["scalp_uv"])
+    return Template(head, values["landmarks"], values["spread"])
+
+
+def _detector_inputs(detector: Detector) -> list[str | None]:
+    models = (detector.face_model, detector.person_model)
+    return [None if path is None else _digest(path) for path in models]
+
+
+def _digest(path: Path) -> str:
+    try:
+        return digest_files([path])
+    except OSError as error:
+        raise InputError(
+            f"{path}: expected a file, but it cannot be read ({error.strerror}); check the path."
+        ) from error
+
+
+def _existing(path: Path) -> Path | None:
+    return path if path.is_file() else None
+
+
+def _link(source: Path, target: Path) -> None:
+    """The same file under another name, or a copy where the disk cannot do that."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
