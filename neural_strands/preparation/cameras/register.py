@@ -143,7 +143,9 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
             for identity, params in before.items():
                 model.cameras[identity].params = params
             for identity, pose in poses.items():
-                model.images[identity].frame.set_cam_from_world(model.images[identity].camera_id, pose)
+                image = model.images[identity]
+                if image.frame is not None:
+                    image.frame.set_cam_from_world(image.camera_id, pose)
             return
 
 

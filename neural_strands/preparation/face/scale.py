@@ -5,7 +5,7 @@ the cameras' unit, its mean over adults and its relative spread, with the error 
 the logarithm, those that disagree with the rest counting less.
 
 Means and spreads over adult women and men together, after L. G. Farkas, *Anthropometry of the Head and Face* (1994),
-and the U.S. Army's anthropometric survey of 2012 (ANSUR II); the iris after corneal topography (white to white 11.7 mm).
+and the U.S. Army's anthropometric survey of 2012 (ANSUR II); the iris after corneal topography (white to white).
 """
 
 import math
@@ -112,6 +112,7 @@ def combine(cues: Sequence[ScaleCue]) -> Scale:
     value = np.log([cue.metres_per_unit for cue in cues])
     variance = np.array([cue.error for cue in cues]) ** 2
     mean = float(np.median(value))
+    weight = 1.0 / variance
     for _ in range(REWEIGHTINGS):
         weight = 1.0 / (variance + (value - mean) ** 2)
         mean = float(weight @ value / weight.sum())
@@ -135,7 +136,7 @@ def iris_diameter(face: TriangulatedFace, cameras: Sequence[Camera], faces: Sequ
     """
     front = face_normal(face)
     widths = []
-    for view in np.flatnonzero(face.views >= 0):
+    for view in np.flatnonzero(face.views >= 0).tolist():
         camera, pixels = cameras[view], faces[view][face.views[view]]
         toward = -camera.rotation[2].double().numpy()
         if not toward @ front > math.cos(math.radians(FRONTAL)):

@@ -68,8 +68,8 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
             f"{len(cameras)} photographs: expected one person, found two: one in {seen} photographs, another in "
             f"{second}; crop the photographs to one of them."
         )
-    views = np.flatnonzero(chosen >= 0)
-    pixels = np.stack([faces[view][chosen[view]] for view in views])
+    views = np.flatnonzero(chosen >= 0).tolist()
+    pixels = np.stack([faces[view][int(chosen[view])] for view in views])
     return _refined(projections[views], pixels, chosen)
 
 
@@ -150,6 +150,7 @@ def _refined(projections: np.ndarray, pixels: np.ndarray, chosen: np.ndarray) ->
     size = _sizes(pixels[:, list(INTERIOR)])
     scale = (SPREAD * size)[:, None]
     weights = np.repeat(1.0 / scale**2, pixels.shape[1], axis=1)
+    points, squared, robust = np.zeros(0), np.zeros(0), np.zeros(0)
     for _ in range(ROUNDS):
         points = triangulate(projections, pixels, weights)
         image, depth = project(projections, points)

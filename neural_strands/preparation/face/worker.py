@@ -30,7 +30,7 @@ def main() -> int:
     request = json.loads(sys.stdin.read())
     try:
         import cv2
-        import mediapipe
+        import mediapipe  # pyright: ignore[reportMissingImports]
         import numpy as np
     except ImportError as error:
         return _answer(answers, {"error": f"{sys.executable} lacks {error.name}"}, 1)

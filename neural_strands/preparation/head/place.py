@@ -56,14 +56,19 @@ def place(template: Template, face: TriangulatedFace) -> Placement:
     source, target = source[known], target[known]
     spread = np.nan_to_num(template.spread.double().numpy()[inside][known])
     error = np.nan_to_num(face.spread[inside][known])
-    weights = np.ones(len(source))
+    fit = umeyama(source, target, np.ones(len(source)))
+    gap = _gap(fit, source, target)
     for _ in range(ROUNDS):
-        fit = umeyama(source, target, weights)
-        gap = np.linalg.norm(fit.inverse().apply(torch.from_numpy(target)).numpy() - source, axis=1)
         variance = LIKENESS**2 + spread**2 + (error / fit.scale) ** 2
         # Geman and McClure's weights.
-        weights = (1.0 + gap**2 / variance) ** -2 / variance
+        fit = umeyama(source, target, (1.0 + gap**2 / variance) ** -2 / variance)
+        gap = _gap(fit, source, target)
     return Placement(fit, float(np.median(gap)), len(source))
+
+
+def _gap(fit: Similarity, source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """How far the targets lie from their sources, in the sources' unit."""
+    return np.linalg.norm(fit.inverse().apply(torch.from_numpy(target)).numpy() - source, axis=1)
 
 
 def world_frame(placement: Placement, metres_per_unit: float) -> Similarity:

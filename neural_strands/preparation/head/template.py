@@ -14,7 +14,7 @@ from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.closest import closest_points
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.topology import LANDMARKS

@@ -205,7 +205,7 @@ def _register_heic(paths: Sequence[Path]) -> None:
     if not heic:
         return
     try:
-        from pillow_heif import register_heif_opener
+        from pillow_heif import register_heif_opener  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise InputError(
             f"{heic[0]}: expected the package pillow-heif to read HEIC, found none; run "
