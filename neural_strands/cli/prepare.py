@@ -22,11 +22,11 @@ class Prepare:
     """
 
     photographs: Annotated[Path, tyro.conf.Positional]
-    """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several."""
+    """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several; or a video."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture."""
     template: Path | None = None
-    """Head mesh with a face, y up, +z out of the face, that is fitted to the person."""
+    """Head mesh with a face, y up, +z out of the face, to fit to the person; the built-in mannequin if left out."""
     scalp: Path | None = None
     """The template's scalp: a chart, a list of faces or a painted mask; found if left out."""
     cameras: Path | None = None
@@ -45,6 +45,8 @@ class Prepare:
     """Millimetres between the person's pupils, as on a prescription for glasses: makes the scale exact."""
     longest_side: int = 2048
     """Larger photographs are made this many pixels long."""
+    frames: int = 80
+    """Frames to take of a video: of so many stretches the sharpest each."""
     json: bool = False
     """Print the figures as one JSON object."""
 
@@ -58,6 +60,7 @@ class Prepare:
             ("scale", self.scale, 1e-6, 1e6),
             ("pupil-distance", self.pupil_distance, 40.0, 85.0),
             ("longest-side", self.longest_side, 256, 16384),
+            ("frames", self.frames, 3, 2000),
         ):
             if value is not None and not least <= value <= most:
                 raise InputError(f"--{name}: expected {least:g} to {most:g}, found {value:g}.")
@@ -72,6 +75,7 @@ class Prepare:
             KnownSize(self.scale, distance),
             Detector(self.detector, self.face_model, self.person_model),
             self.longest_side,
+            self.frames,
         )
         figures = prepare(request, say)
         if self.json:

@@ -36,6 +36,7 @@ from neural_strands.preparation.cameras.given import by_name, read_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
+from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.template import Template, bust, find_landmarks
@@ -47,6 +48,7 @@ from neural_strands.preparation.photographs.folder import (
     read_list,
     write_picture,
 )
+from neural_strands.preparation.photographs.video import import_video, is_video
 from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
@@ -64,7 +66,7 @@ class PrepareRequest:
     """What to make a capture from.
 
     Attributes:
-        photographs: a folder of pictures.
+        photographs: a folder of pictures, or a video.
         out: the capture.
         cameras: cameras that are known already; found from the photographs if None.
         landmarks: landmarks set by hand; detected if None.
@@ -73,6 +75,7 @@ class PrepareRequest:
         size: what the user measured.
         detector: finds faces and people.
         longest_side: pixels that neither side of a picture exceeds.
+        frames: how many to take of a video.
     """
 
     photographs: Path
@@ -84,6 +87,7 @@ class PrepareRequest:
     size: KnownSize = field(default_factory=KnownSize)
     detector: Detector = field(default_factory=Detector)
     longest_side: int = 2048
+    frames: int = 80
 
 
 def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
@@ -136,12 +140,18 @@ class _Run:
         return stage
 
     def photographs(self) -> Stage:
-        paths = find_photographs(self.request.photographs)
-        inputs = {"files": digest_files(paths), "longest_side": self.request.longest_side}
+        source, longest_side = self.request.photographs, self.request.longest_side
+        video = is_video(source) and source.is_file()
+        paths = [source] if video else find_photographs(source)
+        inputs = {"files": digest_files(paths), "longest_side": longest_side}
+        if video:
+            inputs["frames"] = self.request.frames
 
         def work(out: Path) -> None:
-            found = import_photographs(paths, out, self.request.longest_side, self.say)
-            self.say(f"{len(found)} photographs read.")
+            if video:
+                import_video(source, out, self.request.frames, longest_side, self.say)
+            else:
+                self.say(f"{len(import_photographs(paths, out, longest_side, self.say))} photographs read.")
 
         return self._stage("photographs", inputs, work)
 
@@ -150,7 +160,7 @@ class _Run:
         listed = read_list(photographs.folder)
         given = self.request.cameras
         if given is not None:
-            lenses = read_cameras(given)
+            lenses = read_cameras(given, listed)
             poses = {name: [*lens.lens.intrinsics, *lens.world_to_camera.ravel()] for name, lens in lenses.items()}
             inputs = {"photographs": photographs.digest, "given": poses}
             points = SparsePoints.none()
@@ -209,16 +219,14 @@ class _Run:
 
         def work(out: Path) -> None:
             faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
-            fit_head(calibration, faces, _load_template(template.folder), self.request.size, self.say).save(out)
+            fit_head(calibration, faces, Template.load(template.folder), self.request.size, self.say).save(out)
 
         return self._stage("head", inputs, work)
 
     def _template(self) -> Stage:
         path, scalp = self.request.template, self.request.scalp
         if path is None:
-            raise InputError(
-                "--template: expected a head mesh with a face (such as MakeHuman's base mesh), found none; give one."
-            )
+            return self._stage("template", {"builtin": digest_files([STORED])}, builtin_template().save)
         inputs = {
             "mesh": _digest(path),
             "scalp": None if scalp is None else _digest(scalp),
@@ -226,17 +234,7 @@ class _Run:
         }
 
         def work(out: Path) -> None:
-            found = find_landmarks(bust(load_head(path, scalp)), self.request.detector, out, str(path))
-            head = found.head
-            np.savez(
-                out / "template.npz",
-                vertices=head.mesh.vertices,
-                faces=head.mesh.faces,
-                scalp_faces=head.scalp_faces,
-                scalp_uv=head.scalp_uv,
-                landmarks=found.landmarks,
-                spread=found.spread,
-            )
+            find_landmarks(bust(load_head(path, scalp)), self.request.detector, out, str(path)).save(out)
 
         return self._stage("template", inputs, work)
 
@@ -294,15 +292,6 @@ def person_scalp(head: Head, vote: np.ndarray) -> torch.Tensor:
     faces = head.mesh.faces[head.scalp_faces]
     kept = head.scalp_faces[~bare[faces].all(dim=1)]
     return kept if len(kept) else head.scalp_faces
-
-
-def _load_template(folder: Path) -> Template:
-    from neural_strands.geometry.mesh import Mesh
-
-    with np.load(folder / "template.npz", allow_pickle=False) as stored:
-        values = {name: torch.from_numpy(stored[name]) for name in stored.files}
-    head = Head(Mesh(values["vertices"], values["faces"]), values["scalp_faces"], values["scalp_uv"])
-    return Template(head, values["landmarks"], values["spread"])
 
 
 def _detector_inputs(detector: Detector) -> list[str | None]:

@@ -13,9 +13,10 @@ import torch
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.lens import Lens
+from neural_strands.capture.view import rigid
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
-from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.cameras import Camera, rigid_inverse
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
 
 IMAGES = "images"
@@ -150,6 +151,15 @@ def calibrate(
         )
     points.save(out)
     write_transforms(out / "transforms.json", cameras)
+
+
+def rigid_pose(camera_to_world: np.ndarray, source: str) -> np.ndarray:
+    """World to camera from a (4, 4) camera-to-world matrix, OpenCV axes, its rotation made exact.
+
+    Raises:
+        InputError: the matrix scales, shears or mirrors; `source` says whose it is.
+    """
+    return rigid_inverse(rigid(torch.from_numpy(camera_to_world).double(), source)).numpy()
 
 
 def write_transforms(path: Path, cameras: Sequence[Camera]) -> None:

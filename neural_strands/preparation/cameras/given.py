@@ -1,18 +1,25 @@
-"""Cameras that another program found."""
+"""Cameras that another program found: COLMAP, nerfstudio, Metashape or RealityCapture."""
 
+from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
 from neural_strands.capture.transforms import read_transforms
 from neural_strands.capture.view import View
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.cameras.calibration import PosedLens
+from neural_strands.preparation.cameras.metashape import read_metashape
+from neural_strands.preparation.cameras.reality_capture import read_reality_capture
+from neural_strands.preparation.photographs.folder import Photograph
 
 
-def read_cameras(path: Path) -> dict[str, PosedLens]:
-    """Read cameras by image name: a COLMAP model (folder), or nerfstudio's transforms.json.
+def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, PosedLens]:
+    """Read cameras by image name.
+
+    Args:
+        path: a folder with a COLMAP model or transforms.json, or a transforms.json, Metashape's XML or
+            RealityCapture's CSV.
+        photographs: what they are cameras of.
 
     Raises:
         InputError: the file is none of these, or is wrong.
@@ -21,16 +28,19 @@ def read_cameras(path: Path) -> dict[str, PosedLens]:
         model = find_sparse_model(path)
         if model is not None:
             return by_name(read_colmap(path, model))
-        if (path / "transforms.json").is_file():
-            path = path / "transforms.json"
+        path = path / "transforms.json"
     if path.is_file() and path.suffix.lower() == ".json":
         return by_name(read_transforms(path))
-    raise InputError(f"{path}: expected cameras: a folder with a COLMAP model, or transforms.json; found neither.")
+    if path.is_file() and path.suffix.lower() == ".xml":
+        return read_metashape(path)
+    if path.is_file() and path.suffix.lower() == ".csv":
+        return read_reality_capture(path, {p.source: (p.width, p.height) for p in photographs})
+    raise InputError(
+        f"{path}: expected cameras (a folder with a COLMAP model, transforms.json, Metashape's .xml or "
+        "RealityCapture's .csv), found none of these; check the path."
+    )
 
 
-def by_name(views: tuple[View, ...]) -> dict[str, PosedLens]:
+def by_name(views: Sequence[View]) -> dict[str, PosedLens]:
     """Lenses and poses of a capture's views."""
-    return {
-        view.image_path.name: PosedLens(view.lens, view.camera.world_to_camera.double().numpy().astype(np.float64))
-        for view in views
-    }
+    return {view.image_path.name: PosedLens(view.lens, view.camera.world_to_camera.double().numpy()) for view in views}

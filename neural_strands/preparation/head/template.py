@@ -4,6 +4,7 @@ Landmarks of any template come from the detector itself: the mesh is drawn from 
 at the drawings, and the rays through what it finds meet the mesh.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,10 +15,9 @@ from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
-from neural_strands.preparation.face.topology import LANDMARKS
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.scalp.hairline import measure_head
@@ -41,6 +41,9 @@ AMBIENT = 0.35
 FACING = 0.3
 """Cosine between normal and line of sight from which a landmark's ray is believed."""
 FEWEST_VIEWS = 3
+FILE = "template.npz"
+Paint = Callable[[Float[Tensor, "point 3"]], Float[Tensor, "point 3"]]
+"""The colour, linear RGB, of points of a head's surface."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,35 @@ class Template:
     head: Head
     landmarks: Float[Tensor, "landmark 3"]
     spread: Float[Tensor, " landmark"]
+
+    def save(self, folder: Path) -> None:
+        """Write `template.npz`."""
+        np.savez(
+            folder / FILE,
+            vertices=self.head.mesh.vertices.numpy(),
+            faces=self.head.mesh.faces.numpy(),
+            scalp_faces=self.head.scalp_faces.numpy(),
+            scalp_uv=self.head.scalp_uv.numpy(),
+            landmarks=self.landmarks.numpy(),
+            spread=self.spread.numpy(),
+        )
+
+    @classmethod
+    def load(cls, folder: Path) -> "Template":
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: the file is missing or damaged.
+        """
+        try:
+            with np.load(folder / FILE, allow_pickle=False) as stored:
+                values = {name: torch.from_numpy(stored[name]) for name in stored.files}
+            head = Head(Mesh(values["vertices"], values["faces"]), values["scalp_faces"], values["scalp_uv"])
+            return cls(head, values["landmarks"], values["spread"])
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(
+                f"{folder / FILE}: expected the template of an earlier stage, found something else; remove {folder}."
+            ) from error
 
 
 def bust(head: Head) -> Head:
@@ -74,7 +106,12 @@ def bust(head: Head) -> Head:
     return Head(Mesh(vertices[used], number[faces], uv), scalp, head.scalp_uv[on_bust])
 
 
-def find_landmarks(head: Head, detector: Detector, folder: Path, name: str) -> Template:
+def skin(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
+    """One colour all over."""
+    return torch.tensor(SKIN).expand(len(points), 3)
+
+
+def find_landmarks(head: Head, detector: Detector, folder: Path, name: str, paint: Paint = skin) -> Template:
     """Let the detector find the face of a head in drawings of it, which are left in `folder`.
 
     Args:
@@ -82,6 +119,7 @@ def find_landmarks(head: Head, detector: Detector, folder: Path, name: str) -> T
         detector: finds faces.
         folder: an existing folder.
         name: what messages call the head.
+        paint: the colours of the drawings.
 
     Raises:
         InputError: the detector finds no face in most drawings.
@@ -92,7 +130,7 @@ def find_landmarks(head: Head, detector: Detector, folder: Path, name: str) -> T
         buffer = rasterise_triangles(head.mesh.vertices, head.mesh.faces, camera)
         buffers.append(buffer)
         pictures.append(folder / f"{camera.name}.png")
-        write_picture(pictures[-1], draw(head.mesh, camera, buffer))
+        write_picture(pictures[-1], draw(head.mesh, camera, buffer, paint))
     faces = detector.detect(pictures, description="finding the template's face")
     cast = [
         _cast(head.mesh, camera, buffer, torch.from_numpy(found[0]).float())
@@ -111,14 +149,15 @@ def find_landmarks(head: Head, detector: Detector, folder: Path, name: str) -> T
     return Template(head, landmarks, spread)
 
 
-def draw(mesh: Mesh, camera: Camera, buffer: TriangleBuffer) -> np.ndarray:
+def draw(mesh: Mesh, camera: Camera, buffer: TriangleBuffer, paint: Paint = skin) -> np.ndarray:
     """A plain picture of a mesh: 8-bit RGB, one lamp and some ambient light."""
     normals = vertex_normals(mesh)[mesh.faces]
     face = buffer.face.clamp(min=0).view(-1)
-    normal = torch.nn.functional.normalize(interpolate(normals, face, buffer.barycentric.view(-1, 3)), dim=-1)
+    weights = buffer.barycentric.view(-1, 3)
+    normal = torch.nn.functional.normalize(interpolate(normals, face, weights), dim=-1)
     light = torch.nn.functional.normalize(camera.rotation.T @ torch.tensor([LIGHT[0], -LIGHT[1], -LIGHT[2]]), dim=0)
     shade = AMBIENT + (1.0 - AMBIENT) * (normal @ light).clamp(min=0.0)
-    colour = torch.tensor(SKIN) * shade[:, None]
+    colour = paint(interpolate(mesh.corners(), face, weights)) * shade[:, None]
     colour = torch.where((buffer.face.view(-1) >= 0)[:, None], colour, torch.tensor(BACKGROUND))
     return (colour.view(camera.height, camera.width, 3) ** (1 / 2.2) * 255).round().to(torch.uint8).numpy()
 
@@ -157,11 +196,6 @@ def _agreed(cast: Float[Tensor, "view landmark 3"]) -> tuple[Float[Tensor, "land
     few = torch.isfinite(cast).all(dim=-1).sum(dim=0) < FEWEST_VIEWS
     middle[few], spread[few] = torch.nan, torch.nan
     return middle, spread
-
-
-def unknown_landmarks() -> Float[Tensor, "landmark 3"]:
-    """Landmarks of which none is known."""
-    return torch.full((LANDMARKS, 3), torch.nan)
 
 
 def rescaled(template: Template, factor: float) -> Template:

@@ -35,6 +35,8 @@ FEWEST_VOTES = 2
 LOOSE = 1.5
 """Pixels by which masks reach over what was found, at the size they were computed at: hair left out is lost, a border
 of background is learned away (about 1 dB in the hair for 4 pixels)."""
+LARGE, SPECK = 0.25, 0.01
+"""Parts of a mask, against its largest: kept wherever they are, and never kept."""
 NO_OUTLINE = 0.06
 """Metres about the head that may be the person's where no outline is known."""
 
@@ -91,9 +93,10 @@ def find_hair(
     prior: torch.Tensor | None = None
     vote = np.zeros(0)
     for number in range(ROUNDS):
-        hair = ColourHistogram.of([view.cells[guess > SURE] for view, guess in zip(seen, found, strict=True)])
+        skin = ColourHistogram.of([view.cells[view.zones.face] for view in seen])
+        hair = _hair_colours(seen, found, skin)
         found = [
-            _segment(view, guess, hair, head, camera, prior)
+            _segment(view, guess, (hair, skin), head, camera, prior)
             for view, guess, camera in track(
                 list(zip(seen, found, small, strict=True)), f"finding hair, round {number + 1} of {ROUNDS}"
             )
@@ -105,7 +108,8 @@ def find_hair(
         replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
         prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
     coverage = tuple(
-        _finished(guess, (camera.width, camera.height)) for guess, camera in zip(found, cameras, strict=True)
+        _finished(guess, view.zones.prior, (camera.width, camera.height))
+        for guess, view, camera in zip(found, seen, cameras, strict=True)
     )
     return HairMasks(coverage, vote)
 
@@ -125,14 +129,20 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
 
 def _first_guess(view: _Seen) -> np.ndarray:
     """Where hair is before its colour is known: on the scalp's inside, and the person beside the head."""
-    inner = cv2.erode(view.zones.scalp.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    return np.where(inner | view.zones.scalp, view.zones.prior, view.zones.prior * view.person**2) * view.person
+    return view.zones.prior * view.person
+
+
+def _hair_colours(seen: Sequence[_Seen], found: Sequence[np.ndarray], skin: ColourHistogram) -> ColourHistogram:
+    """The colours of what is surely hair, twice: the second time without the pixels that skin explains better."""
+    sure = [view.cells[guess > SURE] for view, guess in zip(seen, found, strict=True)]
+    hair = ColourHistogram.of(sure)
+    return ColourHistogram.of([cells[hair(cells) > skin(cells)] for cells in sure])
 
 
 def _segment(
     view: _Seen,
     guess: np.ndarray,
-    hair: ColourHistogram,
+    colours: tuple[ColourHistogram, ColourHistogram],
     head: ZonedHead,
     camera: Camera,
     prior: torch.Tensor | None,
@@ -140,24 +150,34 @@ def _segment(
     """Evidence of each pixel from zone, outline and colour, then the random walk."""
     zones = view.zones if prior is None else head.seen_by(camera, prior)
     is_person = view.person > 0.5
-    skin = ColourHistogram.of([view.cells[zones.face & (guess < 0.5)]])
+    hair, all_skin = colours
+    own_skin = ColourHistogram.of([view.cells[zones.face]])
     rest = ColourHistogram.of([view.cells[is_person & (guess < 0.5) & ~zones.face]])
     background = ColourHistogram.of([view.cells[view.person < 0.1]])
     of_hair = view.person * zones.prior * hair(view.cells)
-    of_person = view.person * (1.0 - zones.prior) * 0.5 * (skin(view.cells) + rest(view.cells))
+    of_person = (
+        view.person
+        * (1.0 - zones.prior)
+        * (0.25 * (own_skin(view.cells) + all_skin(view.cells)) + 0.5 * rest(view.cells))
+    )
     of_background = (1.0 - view.person) * background(view.cells)
     evidence = of_hair / (of_hair + of_person + of_background + 1e-12)
     return random_walk(view.picture, evidence, STRENGTH)
 
 
-def _finished(coverage: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A mask a little loose, its border a pixel soft, in the picture's size, without specks."""
+def _finished(coverage: np.ndarray, prior: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A mask a little loose, its border a pixel soft, in the picture's size.
+
+    Parts are kept that are large or where hair is likely: a beard, or a shadow on the neck, has the colour of hair.
+    """
     solid = (coverage > 0.5).astype(np.uint8)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(solid)
     if count > 1:
-        large = facts[:, cv2.CC_STAT_AREA] >= 0.01 * facts[1:, cv2.CC_STAT_AREA].max()
-        large[0] = False
-        solid = large[labels].astype(np.uint8)
+        area = facts[:, cv2.CC_STAT_AREA]
+        likely = np.bincount(labels.ravel(), prior.ravel(), count) / np.maximum(area, 1)
+        kept = (area >= LARGE * area[1:].max()) | ((likely > 0.5) & (area >= SPECK * area[1:].max()))
+        kept[0] = False
+        solid = kept[labels].astype(np.uint8)
     outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5)
     soft = np.clip(LOOSE + 1.0 - outside, 0.0, 1.0) if solid.any() else np.zeros_like(coverage)
     soft = cv2.resize(soft.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)

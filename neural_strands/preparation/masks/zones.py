@@ -9,12 +9,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import vertex_normals
 from neural_strands.preparation.face.topology import INTERIOR, NAMED
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
 
-FACE, FOREHEAD, SCALP, SIDE, NECK = 0.01, 0.30, 0.93, 0.40, 0.20
-"""Probability of hair before the face below the brows, forehead, scalp, ears and nape, and all below the chin."""
+FACE, CHEEK, SCALP, SIDE, NECK = 0.01, 0.10, 0.93, 0.40, 0.12
+"""Probability of hair before the face below the brows, its border, the scalp, ears and nape, and all below the chin."""
+FOREHEAD = ((0.0, 0.03, 0.06, 0.09), (0.10, 0.20, 0.50, 0.93))
+"""Metres above the brows, and the probability of hair there: hairlines differ, and fringes hang."""
+FRONTAL = 0.3
+"""Least z of the normals of the front."""
 BESIDE, BELOW = 0.93, 0.30
 """The same beside the head's silhouette, above the chin and a hand's breadth below it."""
 HAND = 0.10
@@ -73,11 +78,13 @@ class ZonedHead:
         on_face = (gap < NEAR_LANDMARK) & (height < brow_height - 0.005)
         prior = torch.full_like(height, SIDE)
         prior[height < chin - 0.01] = NECK
-        front = vertices[:, 2] > landmarks[[NAMED["right_cheek"], NAMED["left_cheek"]], 2].nanmean()
-        prior[front & (height > brow_height - 0.005)] = FOREHEAD
-        prior[front & (height <= brow_height - 0.005) & (height >= chin - 0.01)] = 0.5 * FOREHEAD
-        prior[on_face] = FACE
         prior[head.mesh.faces[head.scalp_faces].unique()] = SCALP
+        front = (vertices[:, 2] > marks[:, 2].quantile(0.2)) & (vertex_normals(head.mesh)[:, 2] > FRONTAL)
+        above = (height - brow_height).numpy()
+        forehead = torch.from_numpy(np.interp(above, *FOREHEAD)).to(prior)
+        prior = torch.where(front & (height > brow_height), forehead, prior)
+        prior[front & (height <= brow_height) & (height >= chin - 0.01)] = CHEEK
+        prior[on_face] = FACE
         return cls(head, prior, on_face, float(chin))
 
     def seen_by(self, camera: Camera, prior: Float[Tensor, " vertex"] | None = None) -> Zones:

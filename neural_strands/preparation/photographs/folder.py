@@ -57,8 +57,8 @@ def find_photographs(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: expected a folder of photographs, found {'a file' if folder.exists() else 'nothing'}; "
-            "check the path."
+            f"{folder}: expected a folder of photographs or a video, found "
+            f"{'another file' if folder.exists() else 'nothing'}; check the path."
         )
     found = sorted(
         path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")

@@ -1,0 +1,99 @@
+"""Cameras from Agisoft Metashape: the XML of *Export Cameras*."""
+
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from neural_strands.capture.lens import Lens
+from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
+
+ADVICE = "export the cameras again (File, Export, Export Cameras, Agisoft XML)"
+UNSUPPORTED = ("k4", "b2")
+"""Coefficients that the lens model here has no place for, if they are not zero (fourth radial, skew)."""
+
+
+def read_metashape(path: Path) -> dict[str, PosedLens]:
+    """Read every aligned camera, by label.
+
+    Metashape's camera axes are OpenCV's. Its principal point is counted from the middle of the picture, its p1 and p2
+    are OpenCV's p2 and p1, and b1 is what fx exceeds fy by.
+
+    Raises:
+        InputError: the file is no such XML, or a value is missing or wrong.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (OSError, ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected Metashape's XML, but it does not read so ({error}); {ADVICE}.") from error
+    lenses = {sensor.get("id"): lens for sensor in root.iter("sensor") if (lens := _lens(path, sensor)) is not None}
+    found = {}
+    for camera in root.iter("camera"):
+        label, transform = camera.get("label", ""), camera.findtext("transform")
+        if transform is None or camera.get("enabled", "true") in ("false", "0"):
+            continue
+        if camera.get("sensor_id") not in lenses:
+            raise InputError(f"{path}: {label[:60]}: expected a calibrated sensor, found none; {ADVICE}.")
+        values = _numbers(path, label, transform)
+        if len(values) != 16:
+            raise InputError(
+                f"{path}: {label[:60]}: expected a transform of 16 numbers, found {len(values)}; {ADVICE}."
+            )
+        camera_to_world = np.array(values).reshape(4, 4)
+        found[label] = PosedLens(lenses[camera.get("sensor_id")], rigid_pose(camera_to_world, f"{path}: {label[:60]}"))
+    if not found:
+        raise InputError(f"{path}: expected aligned cameras, found none; align the photographs first, then {ADVICE}.")
+    return found
+
+
+def _lens(path: Path, sensor: ElementTree.Element) -> Lens | None:
+    """The lens of a sensor; None if it was not calibrated."""
+    calibrations = sensor.findall("calibration")
+    if not calibrations:
+        return None
+    # The adjusted calibration follows the initial one.
+    calibration = next((c for c in calibrations if c.get("class") == "adjusted"), calibrations[-1])
+    name = f"sensor {sensor.get('id')}"
+    kind = calibration.get("type", sensor.get("type", "frame"))
+    if kind != "frame":
+        raise InputError(
+            f"{path}: {name}: expected a frame camera, found {kind[:30]!r}; undistort the photographs first."
+        )
+    resolution = calibration.find("resolution")
+    resolution = sensor.find("resolution") if resolution is None else resolution
+    if resolution is None:
+        raise InputError(f"{path}: {name}: expected its resolution, found none; {ADVICE}.")
+
+    def number(key: str) -> float:
+        text = calibration.findtext(key)
+        return 0.0 if text is None else _numbers(path, f"{name}: {key}", text)[0]
+
+    size = _numbers(path, name, f"{resolution.get('width')} {resolution.get('height')}")
+    width, height, focal = int(size[0]), int(size[1]), number("f")
+    if not (0 < width < 10**6 and 0 < height < 10**6 and focal > 0):
+        raise InputError(
+            f"{path}: {name}: expected a positive size and focal length, found {size} and {focal}; {ADVICE}."
+        )
+    if any(number(key) for key in UNSUPPORTED):
+        raise InputError(
+            f"{path}: {name}: expected a lens without {' and '.join(UNSUPPORTED)}, found them; optimise the cameras "
+            "without these, then export again."
+        )
+    return Lens(
+        (focal + number("b1"), focal, width / 2 + number("cx"), height / 2 + number("cy")),
+        (number("k1"), number("k2"), number("p2"), number("p1"), number("k3")),
+        width,
+        height,
+    )
+
+
+def _numbers(path: Path, place: str, text: str) -> list[float]:
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if not values or not all(map(math.isfinite, values)):
+        raise InputError(f"{path}: {place[:60]}: expected finite numbers, found {text.strip()[:40]!r}; {ADVICE}.")
+    return values

@@ -1,0 +1,98 @@
+"""The built-in template: the mannequin, and where a detector of faces found its landmarks.
+
+Its face is too plain for a detector, so it is painted first: eyes, brows, nostrils and lips at their places. The
+landmarks come with the package; `detect_builtin` finds them again when the mannequin's shape has changed.
+"""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.head.template import SKIN, Template, bust, find_landmarks
+from neural_strands.scalp.mannequin import mannequin
+
+BROW, LIP, WHITE, IRIS, PUPIL, LINE = (
+    (0.07, 0.04, 0.03),
+    (0.55, 0.20, 0.18),
+    (0.85, 0.85, 0.85),
+    (0.12, 0.07, 0.04),
+    (0.01, 0.01, 0.01),
+    (0.10, 0.04, 0.03),
+)
+"""Linear RGB."""
+EYE = (0.0312, 0.0000)
+"""Middle of the left eye across and up, metres, in the mannequin's frame."""
+EYE_SIZE = (0.0148, 0.0054)
+"""Half the opening of the lids across and up."""
+IRIS_RADIUS, PUPIL_RADIUS = 0.0058, 0.0024
+BROW_PATH = ((0.0130, 0.0175), (0.0300, 0.0235), (0.0465, 0.0190))
+BROW_WIDTH = 0.0030
+MOUTH_HEIGHT, MOUTH_HALF = -0.0658, 0.0235
+UPPER_LIP, LOWER_LIP = 0.0075, 0.0095
+NOSTRIL, NOSTRIL_SIZE = (0.0075, -0.0375), (0.0042, 0.0022)
+FRONT = 0.04
+"""Metres in front of the ears from which there is a face."""
+
+
+STORED = Path(__file__).with_name("landmarks.npz")
+"""Landmarks of the mannequin and how far views disagreed about each, metres."""
+
+
+def builtin_template() -> Template:
+    """The mannequin with its landmarks."""
+    with np.load(STORED, allow_pickle=False) as stored:
+        landmarks, spread = torch.from_numpy(stored["landmarks"]), torch.from_numpy(stored["spread"])
+    return Template(bust(mannequin()), landmarks, spread)
+
+
+def detect_builtin(detector: Detector, folder: Path) -> Template:
+    """Find the mannequin's landmarks anew; drawings are left in `folder`.
+
+    Raises:
+        InputError: the detector does not work, or finds no face.
+    """
+    return find_landmarks(bust(mannequin()), detector, folder, "the mannequin", face_paint)
+
+
+def store_builtin(template: Template, path: Path = STORED) -> None:
+    """Write the landmarks that `builtin_template` reads."""
+    np.savez_compressed(path, landmarks=template.landmarks.numpy(), spread=template.spread.numpy())
+
+
+def face_paint(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
+    """Colours of the mannequin's skin, eyes, brows, nostrils and lips."""
+    x, y, z = points[:, 0].abs(), points[:, 1], points[:, 2]
+    colour = torch.tensor(SKIN).expand(len(points), 3).clone()
+
+    def lay(where: Tensor, paint: tuple[float, float, float]) -> None:
+        colour[where & (z > FRONT)] = torch.tensor(paint)
+
+    across, up = (x - EYE[0]) / EYE_SIZE[0], (y - EYE[1]) / EYE_SIZE[1]
+    lid = (1.0 - across.square()).clamp(min=0.0)
+    opened = (across.abs() < 1.0) & (up.abs() < lid)
+    from_iris = torch.hypot(x - EYE[0], y - EYE[1])
+    lay((across.abs() < 1.12) & (up < 1.25 * lid + 0.22) & (up > 0.7 * lid - 0.1), LINE)
+    lay(opened, WHITE)
+    lay(opened & (from_iris < IRIS_RADIUS), IRIS)
+    lay(opened & (from_iris < PUPIL_RADIUS), PUPIL)
+    lay(_near_path(x, y, BROW_PATH) < BROW_WIDTH, BROW)
+    lay(((x - NOSTRIL[0]) / NOSTRIL_SIZE[0]).square() + ((y - NOSTRIL[1]) / NOSTRIL_SIZE[1]).square() < 1.0, LINE)
+    mouth = (1.0 - (x / MOUTH_HALF).square()).clamp(min=0.0)
+    lay((x < MOUTH_HALF) & (y < MOUTH_HEIGHT + UPPER_LIP * mouth) & (y > MOUTH_HEIGHT - LOWER_LIP * mouth), LIP)
+    lay((x < MOUTH_HALF) & ((y - MOUTH_HEIGHT).abs() < 0.0009), LINE)
+    return colour
+
+
+def _near_path(x: Tensor, y: Tensor, path: tuple[tuple[float, float], ...]) -> Tensor:
+    """Distance to a chain of segments in the plane."""
+    gaps = []
+    for (x0, y0), (x1, y1) in itertools.pairwise(path):
+        along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / ((x1 - x0) ** 2 + (y1 - y0) ** 2)
+        along = along.clamp(0.0, 1.0)
+        gaps.append(torch.hypot(x - x0 - along * (x1 - x0), y - y0 - along * (y1 - y0)))
+    return torch.stack(gaps).amin(dim=0)

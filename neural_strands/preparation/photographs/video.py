@@ -1,0 +1,81 @@
+"""Photographs from a video: of each stretch of it the sharpest frame."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+from neural_strands.preparation.photographs.folder import FEWEST, Photograph, write_list, write_picture
+
+SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+"""Names of files that are taken for videos, in any case."""
+JUDGED_SIDE = 320
+"""Longer side at which a frame's sharpness is judged, pixels: noise is averaged away, motion blur is not."""
+
+
+def is_video(path: Path) -> bool:
+    """Whether a path is named as a video."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Callable[[str], None]) -> list[Photograph]:
+    """Cut a video into `frames` stretches of the same length and write the sharpest frame of each, upright, as PNG.
+
+    Args:
+        path: the video.
+        out: an existing folder.
+        frames: how many to take; fewer where the video has fewer.
+        longest_side: pixels that neither side exceeds afterwards.
+        say: takes sentences for the user.
+
+    Raises:
+        InputError: the video does not decode, or has too few frames.
+    """
+    capture = cv2.VideoCapture(str(path))
+    try:
+        expected = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
+        best: dict[int, tuple[float, int, np.ndarray]] = {}
+        number = 0
+        for _ in track(range(max(expected, 0)), "reading the video"):
+            there, frame = capture.read()
+            if not there:
+                break
+            stretch = number * frames // expected
+            sharp = sharpness(frame)
+            if stretch not in best or sharp > best[stretch][0]:
+                best[stretch] = (sharp, number, _small(frame, longest_side))
+            number += 1
+    finally:
+        capture.release()
+    if len(best) < FEWEST:
+        raise InputError(
+            f"{path}: expected a video of at least {FEWEST} frames that decode, found {number}; convert it to MP4 "
+            "(H.264), or give photographs."
+        )
+    photographs = []
+    for _, (_, index, frame) in sorted(best.items()):
+        name = f"frame_{index:06d}.png"
+        write_picture(out / name, np.ascontiguousarray(frame[:, :, ::-1]))
+        height, width = frame.shape[:2]
+        photographs.append(Photograph(name, f"{path.name} frame {index}", width, height, 0.0, path.name))
+    write_list(out, photographs)
+    say(f"{len(photographs)} of {number} frames taken, the sharpest of each stretch.")
+    return photographs
+
+
+def sharpness(frame: np.ndarray) -> float:
+    """How much detail a picture (height, width, 3) has: the variance of its Laplacian, once it is small."""
+    grey = cv2.cvtColor(_small(frame, JUDGED_SIDE), cv2.COLOR_BGR2GRAY)
+    return float(cv2.Laplacian(grey, cv2.CV_32F).var())
+
+
+def _small(frame: np.ndarray, longest_side: int) -> np.ndarray:
+    height, width = frame.shape[:2]
+    shrink = min(1.0, longest_side / max(height, width))
+    if shrink == 1.0:
+        return frame.copy()
+    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+    return cv2.resize(frame, size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,116 @@
+"""The detector's process: answers read, failures told in one sentence. The real one is tried where it is installed."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
+from neural_strands.preparation.face.topology import FACE_OVAL, INTERIOR, LANDMARKS, NAMED
+
+REAL_PYTHON = "NEURAL_STRANDS_MEDIAPIPE"
+"""Environment variable with a Python that has mediapipe."""
+
+
+def stand_in(tmp_path: Path, body: str) -> Path:
+    """A program that answers instead of a Python with MediaPipe."""
+    path = tmp_path / "python"
+    path.write_text(f"#!{sys.executable}\nimport json, sys\nrequest = json.load(sys.stdin)\n{body}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_answers_come_back_in_order(tmp_path: Path):
+    body = (
+        "for k, image in enumerate(request['images']):\n"
+        "    print(json.dumps({'image': image, 'faces': [[[k, 1.5]] * 468] * k}), flush=True)"
+    )
+    detector = Detector(stand_in(tmp_path, body))
+    found = detector.detect([tmp_path / "a.png", tmp_path / "b.png", tmp_path / "c.png"])
+    assert [len(faces) for faces in found] == [0, 1, 2]
+    assert found[1][0].shape == (LANDMARKS, 2)
+    np.testing.assert_array_equal(found[2][1][467], [2, 1.5])
+    # A model without irises leaves them unknown.
+    assert np.isnan(found[2][1][468:]).all()
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        ("print(json.dumps({'error': 'lacks mediapipe'}))", "lacks mediapipe"),
+        ("sys.exit('the model is damaged')", "the model is damaged"),
+        ("sys.exit(3)", "exit status 3"),
+    ],
+)
+def test_a_detector_that_fails_is_one_sentence(tmp_path: Path, body: str, reason: str):
+    with pytest.raises(InputError, match=reason):
+        Detector(stand_in(tmp_path, body)).detect([tmp_path / "a.png"])
+
+
+def test_a_missing_interpreter_is_told_before_work(tmp_path: Path):
+    with pytest.raises(InputError, match="expected a file for the face detector"):
+        Detector(tmp_path / "absent").check()
+
+
+def test_faces_round_trip(tmp_path: Path):
+    face = np.round(np.random.default_rng(0).uniform(0, 500, (LANDMARKS, 2)), 3)
+    face[470] = np.nan
+    write_faces(tmp_path, ["a.png", "b.png"], [[face], []])
+    first, second = read_faces(tmp_path, ["a.png", "b.png"])
+    np.testing.assert_array_equal(first[0], face)
+    assert second == []
+
+
+def test_landmarks_set_by_hand(tmp_path: Path):
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps({"A.JPG": {"nose_tip": [10, 20.5], "33": [1, 2]}}))
+    marked, bare = read_marks(path, ["a.png", "b.png"])
+    assert bare == []
+    np.testing.assert_array_equal(marked[0][[NAMED["nose_tip"], 33]], [[10, 20.5], [1, 2]])
+    assert np.isnan(np.delete(marked[0], [NAMED["nose_tip"], 33], axis=0)).all()
+
+
+@pytest.mark.parametrize(
+    ("document", "complaint"),
+    [
+        ({"a": {"nostril": [1, 2]}}, "found 'nostril'"),
+        ({"a": {"478": [1, 2]}}, "found '478'"),
+        ({"a": {"chin": [1]}}, r"chin: expected \[x, y\]"),
+        ({"a": {"chin": ["x", True]}}, r"chin: expected \[x, y\]"),
+        ({"other": {"chin": [1, 2]}}, "found them on 1 others"),
+        ([1], "found something else"),
+        ("[" * 100000, "cannot be read"),
+    ],
+)
+def test_wrong_landmark_files_are_one_sentence(tmp_path: Path, document, complaint: str):
+    path = tmp_path / "marks.json"
+    path.write_text(document if isinstance(document, str) else json.dumps(document))
+    with pytest.raises(InputError, match=complaint) as caught:
+        read_marks(path, ["a.png"])
+    assert "\n" not in str(caught.value)
+
+
+def test_the_topology_is_sound():
+    assert not set(INTERIOR) & set(FACE_OVAL)
+    assert len(set(NAMED.values())) == len(NAMED)
+    assert max(NAMED.values()) < LANDMARKS
+
+
+def test_the_real_detector_finds_faces(tmp_path: Path, shared_data: Path):
+    python = os.environ.get(REAL_PYTHON)
+    if python is None:
+        pytest.skip(f"{REAL_PYTHON} names no Python with mediapipe")
+    pictures = sorted((shared_data / "photos" / "face" / "images").glob("*.jpg"))[::13]
+    (tmp_path / "person").mkdir()
+    found = Detector(Path(python)).detect(pictures, tmp_path / "person")
+    assert [len(faces) for faces in found] == [1] * len(pictures)
+    for (face,) in found:
+        assert face.shape == (LANDMARKS, 2)
+        # Eyes above the mouth, the person's right to the left of the picture: the photographs lie as stored.
+        assert np.isfinite(face).all()
+    assert len(list((tmp_path / "person").glob("*.png"))) == len(pictures)
