@@ -33,6 +33,10 @@ class Prepare:
     """Known cameras, instead of finding them: a folder with a COLMAP model, or transforms.json."""
     landmarks: Path | None = None
     """Landmarks set by hand, instead of finding the face: JSON, {photograph: {landmark: [x, y]}}, pixels."""
+    masks: Path | None = None
+    """Masks of the hair, instead of finding it: a folder of PNG files named as the photographs, white where hair is."""
+    segmenter: str | None = None
+    """Program that makes masks of the hair, with {image} and {mask} for the paths of a picture and of its mask."""
     detector: Path | None = None
     """Python that has the package mediapipe, if this one has not."""
     face_model: Path | None = None
@@ -72,6 +76,8 @@ class Prepare:
             self.landmarks,
             self.template,
             self.scalp,
+            self.masks,
+            self.segmenter,
             KnownSize(self.scale, distance),
             Detector(self.detector, self.face_model, self.person_model),
             self.longest_side,

@@ -11,26 +11,22 @@ masks         hair
 """
 
 import json
-import os
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
-    IMAGES,
     Calibration,
+    PosedLens,
     SparsePoints,
     calibrate,
-    write_transforms,
 )
 from neural_strands.preparation.cameras.given import by_name, read_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
@@ -40,7 +36,8 @@ from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.template import Template, bust, find_landmarks
-from neural_strands.preparation.masks.hair import find_hair
+from neural_strands.preparation.masks.hair import find_hair, vote_on
+from neural_strands.preparation.masks.segmenter import GivenMasks, check_command, run_segmenter
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import (
     find_photographs,
@@ -50,15 +47,13 @@ from neural_strands.preparation.photographs.folder import (
 )
 from neural_strands.preparation.photographs.video import import_video, is_video
 from neural_strands.preparation.stage import Stage, digest_files, run_stage
-from neural_strands.scalp.head import Head
+from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 from neural_strands.scalp.load import load_head
 
 STAGES = "preparation"
 """Folder of the stages, in the capture."""
 PERSON = "person"
 VOTES = "votes.npy"
-HAIRLINE = 0.5
-"""Share of views that must see hair before a point for it to stay scalp."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +67,8 @@ class PrepareRequest:
         landmarks: landmarks set by hand; detected if None.
         template: a head mesh; the built-in one if None.
         scalp: the template's scalp; found if None.
+        masks: a folder with masks of the hair, named as the photographs; found if None.
+        segmenter: a command that makes masks of the hair (`masks/segmenter.py`).
         size: what the user measured.
         detector: finds faces and people.
         longest_side: pixels that neither side of a picture exceeds.
@@ -84,6 +81,8 @@ class PrepareRequest:
     landmarks: Path | None = None
     template: Path | None = None
     scalp: Path | None = None
+    masks: Path | None = None
+    segmenter: str | None = None
     size: KnownSize = field(default_factory=KnownSize)
     detector: Detector = field(default_factory=Detector)
     longest_side: int = 2048
@@ -105,20 +104,33 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     """
     if request.landmarks is None or request.template is not None:
         request.detector.check()
+    if request.segmenter is not None:
+        check_command(request.segmenter)
     run = _Run(request, say)
     photographs = run.photographs()
-    cameras = run.cameras(photographs)
+    cameras, lenses = run.cameras(photographs)
     calibration = Calibration.load(cameras.folder)
+    given = None if request.masks is None else GivenMasks(request.masks, read_list(photographs.folder), lenses)
     face = run.face(cameras, calibration)
     head = run.head(cameras, calibration, face)
     fitted = FittedHead.load(head.folder)
     world = cameras_in_world(calibration.cameras, fitted.frame)
-    masks = run.masks(calibration, face, head, fitted, world)
+    masks = run.masks(calibration, face, head, fitted, world, given)
+    scalp = person_scalp(fitted.head, np.load(masks.folder / VOTES))
+    CaptureFiles(
+        world,
+        calibration.pictures,
+        [masks.folder / picture.name for picture in calibration.pictures],
+        run.outlines(calibration, face),
+        fitted.head,
+        scalp,
+    ).write(request.out)
     figures = {
         "photographs": len(read_list(photographs.folder)),
         "cameras": len(world),
         **fitted.figures,
-        **_write_capture(request.out, calibration, world, fitted, face, masks),
+        "scalp_faces": len(scalp),
+        "template_scalp_faces": len(fitted.head.scalp_faces),
     }
     with atomic_file(request.out / "preparation.json") as path:
         path.write_text(json.dumps(figures, indent=1), encoding="utf-8")
@@ -155,8 +167,8 @@ class _Run:
 
         return self._stage("photographs", inputs, work)
 
-    def cameras(self, photographs: Stage) -> Stage:
-        """Undistorted pictures with cameras, found or given."""
+    def cameras(self, photographs: Stage) -> tuple[Stage, dict[str, PosedLens]]:
+        """Undistorted pictures with cameras, found or given, and the lenses that took them."""
         listed = read_list(photographs.folder)
         given = self.request.cameras
         if given is not None:
@@ -184,7 +196,7 @@ class _Run:
         def undistort(out: Path) -> None:
             calibrate(photographs.folder, listed, lenses, points, out, self.say)
 
-        return self._stage("cameras", inputs, undistort)
+        return self._stage("cameras", inputs, undistort), lenses
 
     def face(self, cameras: Stage, calibration: Calibration) -> Stage:
         """Landmarks of each view, and masks of the person where the detector makes them."""
@@ -239,59 +251,38 @@ class _Run:
         return self._stage("template", inputs, work)
 
     def masks(
-        self, calibration: Calibration, face: Stage, head: Stage, fitted: FittedHead, cameras: Sequence[Camera]
+        self,
+        calibration: Calibration,
+        face: Stage,
+        head: Stage,
+        fitted: FittedHead,
+        cameras: Sequence[Camera],
+        given: GivenMasks | None,
     ) -> Stage:
-        """Masks of the hair."""
+        """Masks of the hair: given, made by the user's program, or found."""
+        segmenter = self.request.segmenter
 
         def work(out: Path) -> None:
             zoned = ZonedHead.of(fitted.head, fitted.landmarks)
-            outlines = [_existing(face.folder / PERSON / picture.name) for picture in calibration.pictures]
-            found = find_hair(cameras, calibration.pictures, zoned, outlines)
+            if given is not None:
+                found = vote_on(cameras, zoned, [given.read(picture.name) for picture in calibration.pictures])
+            elif segmenter is not None:
+                found = vote_on(cameras, zoned, run_segmenter(segmenter, calibration.pictures, out))
+            else:
+                found = find_hair(cameras, calibration.pictures, zoned, self.outlines(calibration, face))
             for picture, coverage in zip(calibration.pictures, found.coverage, strict=True):
                 write_picture(out / picture.name, coverage)
             np.save(out / VOTES, found.vote)
 
-        return self._stage("masks", {"face": face.digest, "head": head.digest}, work)
+        inputs = {"face": face.digest, "head": head.digest, "segmenter": segmenter}
+        if given is not None:
+            inputs["given"] = given.digest()
+        return self._stage("masks", inputs, work)
 
-
-def _write_capture(
-    out: Path,
-    calibration: Calibration,
-    cameras: Sequence[Camera],
-    fitted: FittedHead,
-    face: Stage,
-    masks: Stage,
-) -> dict[str, Any]:
-    """Put pictures, masks, head and cameras where a capture has them; the cameras last, for they make it one."""
-    scalp = person_scalp(fitted.head, np.load(masks.folder / VOTES))
-    (out / "transforms.json").unlink(missing_ok=True)
-    outlines = [_existing(face.folder / PERSON / picture.name) for picture in calibration.pictures]
-    coverage = [masks.folder / picture.name for picture in calibration.pictures]
-    for kind, files in ((IMAGES, calibration.pictures), ("masks", coverage), ("person_masks", outlines)):
-        shutil.rmtree(out / kind, ignore_errors=True)
-        there = [file for file in files if file is not None]
-        if there:
-            (out / kind).mkdir(parents=True)
-        for file in there:
-            _link(file, out / kind / file.name)
-    with atomic_file(out / "head.obj") as path:
-        mesh = fitted.head.mesh
-        vertices = ["v {:.7g} {:.7g} {:.7g}\n".format(*vertex) for vertex in mesh.vertices.tolist()]
-        faces = ["f {} {} {}\n".format(*corners) for corners in (mesh.faces + 1).tolist()]
-        path.write_text("".join([*vertices, *faces]), encoding="utf-8")
-    with atomic_file(out / "scalp_faces.json") as path:
-        path.write_text(json.dumps(scalp.tolist()), encoding="utf-8")
-    with atomic_file(out / "transforms.json") as path:
-        write_transforms(path, cameras)
-    return {"scalp_faces": len(scalp), "template_scalp_faces": len(fitted.head.scalp_faces)}
-
-
-def person_scalp(head: Head, vote: np.ndarray) -> torch.Tensor:
-    """The scalp's faces that no view shows bare: where all photographs together see skin, nothing is rooted."""
-    bare = torch.from_numpy(np.nan_to_num(vote, nan=1.0) < HAIRLINE)
-    faces = head.mesh.faces[head.scalp_faces]
-    kept = head.scalp_faces[~bare[faces].all(dim=1)]
-    return kept if len(kept) else head.scalp_faces
+    def outlines(self, calibration: Calibration, face: Stage) -> list[Path | None]:
+        """Masks of the person, where there are any."""
+        files = [face.folder / PERSON / picture.name for picture in calibration.pictures]
+        return [file if file.is_file() else None for file in files]
 
 
 def _detector_inputs(detector: Detector) -> list[str | None]:
@@ -306,15 +297,3 @@ def _digest(path: Path) -> str:
         raise InputError(
             f"{path}: expected a file, but it cannot be read ({error.strerror}); check the path."
         ) from error
-
-
-def _existing(path: Path) -> Path | None:
-    return path if path.is_file() else None
-
-
-def _link(source: Path, target: Path) -> None:
-    """The same file under another name, or a copy where the disk cannot do that."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)

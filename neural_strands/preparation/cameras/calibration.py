@@ -123,8 +123,7 @@ def calibrate(
     Raises:
         InputError: too few photographs have a camera, or one has another shape than its camera.
     """
-    by_name = {**{Path(name).stem.lower(): lens for name, lens in lenses.items()}, **lenses}
-    found = [(p, _lens_of(p, by_name)) for p in photographs]
+    found = [(photograph, lens_of(photograph, lenses)) for photograph in photographs]
     posed = [(photograph, lens) for photograph, lens in found if lens is not None]
     missing = [photograph.source for photograph, lens in found if lens is None]
     if len(posed) < FEWEST:
@@ -137,13 +136,13 @@ def calibrate(
         say(f"No camera for {', '.join(missing[:10])}{more}: left out.")
     (out / IMAGES).mkdir()
     cameras = []
-    for photograph, given in track(posed, "undistorting"):
-        lens = _fitting(given.lens, photograph)
+    for photograph, camera in track(posed, "undistorting"):
+        lens = camera.lens
         write_picture(out / IMAGES / photograph.name, lens.undistort(read_picture(images / photograph.name)))
         cameras.append(
             Camera(
                 torch.from_numpy(lens.undistorted_matrix()).float(),
-                torch.from_numpy(given.world_to_camera).float(),
+                torch.from_numpy(camera.world_to_camera).float(),
                 lens.width,
                 lens.height,
                 photograph.name,
@@ -181,17 +180,20 @@ def write_transforms(path: Path, cameras: Sequence[Camera]) -> None:
     path.write_text(json.dumps(document, indent=1), encoding="utf-8")
 
 
-def _lens_of(photograph: Photograph, by_name: Mapping[str, PosedLens]) -> PosedLens | None:
-    names = (photograph.name, photograph.source, Path(photograph.source).stem.lower())
-    return next((by_name[name] for name in names if name in by_name), None)
+def lens_of(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLens | None:
+    """The camera of a photograph, its lens for the photograph's size: it may be of larger or smaller copies.
 
-
-def _fitting(lens: Lens, photograph: Photograph) -> Lens:
-    """The lens for the photograph's size: cameras may have been found on larger or smaller copies.
+    Found by the name that the photograph has now, that of its source, or that without what follows the dot.
 
     Raises:
         InputError: the shapes differ.
     """
+    stems = {Path(name).stem.lower(): name for name in lenses}
+    names = (photograph.name, photograph.source, stems.get(Path(photograph.source).stem.lower(), ""))
+    posed = next((lenses[name] for name in names if name in lenses), None)
+    if posed is None:
+        return None
+    lens = posed.lens
     across, down = photograph.width / lens.width, photograph.height / lens.height
     if abs(across / down - 1.0) > SAME_SHAPE:
         raise InputError(
@@ -199,9 +201,6 @@ def _fitting(lens: Lens, photograph: Photograph) -> Lens:
             f"{photograph.width} x {photograph.height}; give cameras of these photographs, upright and uncropped."
         )
     fx, fy, cx, cy = lens.intrinsics
-    return replace(
-        lens,
-        intrinsics=(fx * across, fy * down, cx * across, cy * down),
-        width=photograph.width,
-        height=photograph.height,
-    )
+    intrinsics = (fx * across, fy * down, cx * across, cy * down)
+    fitting = replace(lens, intrinsics=intrinsics, width=photograph.width, height=photograph.height)
+    return replace(posed, lens=fitting)

@@ -114,6 +114,12 @@ def find_hair(
     return HairMasks(coverage, vote)
 
 
+def vote_on(cameras: Sequence[Camera], head: ZonedHead, coverage: Sequence[np.ndarray]) -> HairMasks:
+    """Masks that are given, and what they say of the head's surface."""
+    vote, count = votes([head.seen_by(camera) for camera in cameras], [mask / 255.0 for mask in coverage])
+    return HairMasks(tuple(coverage), np.where(count >= FEWEST_VOTES, vote, np.nan))
+
+
 def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> _Seen:
     size = (camera.width, camera.height)
     picture = cv2.resize(read_picture(path), size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,134 @@
+"""Masks of the hair from elsewhere: files, or a program that makes them."""
+
+import shlex
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from neural_strands.capture.images import mask_of, read_pixels
+from neural_strands.capture.view import find_mask
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
+from neural_strands.preparation.photographs.folder import Photograph
+from neural_strands.preparation.stage import digest_files
+
+SAME_SHAPE = 0.01
+"""How far a mask's aspect may be from its photograph's, relative."""
+
+
+def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
+    """Read a mask (height, width), 8 bits, enlarged or reduced to the photograph's width and height.
+
+    Raises:
+        InputError: the file does not decode, or has another shape than the photograph.
+    """
+    mask = mask_of(read_pixels(path))
+    if mask.dtype == np.uint16:
+        mask = (mask // 257).astype(np.uint8)
+    height, width = mask.shape
+    if abs(width * size[1] / (height * size[0]) - 1.0) > SAME_SHAPE:
+        raise InputError(
+            f"{path}: expected the photograph's shape ({size[0]} x {size[1]}), found {width} x {height}; make masks of "
+            "the upright, uncropped photographs."
+        )
+    if (width, height) == size:
+        return mask
+    return cv2.resize(mask, size, interpolation=cv2.INTER_AREA if width > size[0] else cv2.INTER_LINEAR)
+
+
+@dataclass(frozen=True)
+class GivenMasks:
+    """Masks of the photographs as they were taken.
+
+    Attributes:
+        folder: holds them, named as the photographs (NAME.png or NAME.jpg.png).
+        photographs: what they are masks of.
+        lenses: what took the photographs, by name.
+    """
+
+    folder: Path
+    photographs: Sequence[Photograph]
+    lenses: Mapping[str, PosedLens]
+
+    def digest(self) -> str:
+        """Of every mask.
+
+        Raises:
+            InputError: there is no such folder, or a mask is missing.
+        """
+        return digest_files([self._path(photograph) for photograph in self.photographs])
+
+    def read(self, name: str) -> np.ndarray:
+        """The undistorted mask of a picture.
+
+        Raises:
+            InputError: it is missing, does not decode, or has another shape than the photograph.
+        """
+        photograph = next(photograph for photograph in self.photographs if photograph.name == name)
+        lens = lens_of(photograph, self.lenses)
+        mask = read_mask(self._path(photograph), (photograph.width, photograph.height))
+        return mask if lens is None else lens.lens.undistort(mask)
+
+    def _path(self, photograph: Photograph) -> Path:
+        path = find_mask(self.folder, Path(photograph.source))
+        if path is None:
+            raise InputError(
+                f"{self.folder}: expected a mask of every photograph, found none of {photograph.source}; add "
+                f"{Path(photograph.source).stem}.png, white where there is hair."
+            )
+        return path
+
+
+def check_command(command: str) -> None:
+    """See that a segmenter's command names where picture and mask go.
+
+    Raises:
+        InputError: it does not.
+    """
+    try:
+        words = shlex.split(command)
+    except ValueError:
+        words = []
+    if not all(any(place in word for word in words) for place in ("{image}", "{mask}")):
+        raise InputError(
+            f"--segmenter: expected a command with {{image}} and {{mask}}, found {command[:100]!r}; write for instance "
+            '--segmenter "python segment.py {image} {mask}".'
+        )
+
+
+def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> list[np.ndarray]:
+    """Run a command on each picture; it writes a mask, white where there is hair.
+
+    Args:
+        command: its words, with {image} and {mask} for the paths of the picture and of the PNG to be written.
+        pictures: undistorted pictures.
+        out: an existing folder for the masks.
+
+    Returns:
+        Masks (height, width), 8 bits.
+
+    Raises:
+        InputError: the command does not start, fails, or writes no mask of the picture's shape.
+    """
+    check_command(command)
+    masks = []
+    for picture in track(pictures, "segmenting"):
+        mask = out / f"{picture.stem}.png"
+        words = [word.replace("{image}", str(picture)).replace("{mask}", str(mask)) for word in shlex.split(command)]
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+        except OSError as error:
+            raise InputError(
+                f"--segmenter: expected a program, but {words[0]} does not start ({error.strerror})."
+            ) from error
+        if done.returncode != 0 or not mask.is_file():
+            last = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}, no mask"]
+            raise InputError(f"--segmenter: expected a mask of {picture.name}, found: {last[0][:300]}.")
+        height, width = read_pixels(picture).shape[:2]
+        masks.append(read_mask(mask, (width, height)))
+    return masks
