@@ -51,6 +51,8 @@ class Prepare:
     """Larger photographs are made this many pixels long."""
     frames: int = 80
     """Frames to take of a video: of so many stretches the sharpest each."""
+    bend: bool = True
+    """Bend the template to the person's face and outline; otherwise it keeps its shape."""
     json: bool = False
     """Print the figures as one JSON object."""
 
@@ -82,6 +84,7 @@ class Prepare:
             Detector(self.detector, self.face_model, self.person_model),
             self.longest_side,
             self.frames,
+            self.bend,
         )
         figures = prepare(request, say)
         if self.json:

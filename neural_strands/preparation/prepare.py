@@ -73,6 +73,7 @@ class PrepareRequest:
         detector: finds faces and people.
         longest_side: pixels that neither side of a picture exceeds.
         frames: how many to take of a video.
+        bend: whether the template is bent to the person, or keeps its shape.
     """
 
     photographs: Path
@@ -87,6 +88,7 @@ class PrepareRequest:
     detector: Detector = field(default_factory=Detector)
     longest_side: int = 2048
     frames: int = 80
+    bend: bool = True
 
 
 def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
@@ -227,11 +229,14 @@ class _Run:
             "template": template.digest,
             "scale": self.request.size.metres_per_unit,
             "pupil_distance": self.request.size.pupil_distance,
+            "bend": self.request.bend,
         }
 
         def work(out: Path) -> None:
             faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
-            fit_head(calibration, faces, Template.load(template.folder), self.request.size, self.say).save(out)
+            outlines = self.outlines(calibration, face) if self.request.bend else None
+            loaded = Template.load(template.folder)
+            fit_head(calibration, faces, loaded, self.request.size, outlines, self.say).save(out)
 
         return self._stage("head", inputs, work)
 

@@ -22,14 +22,19 @@ from neural_strands.preparation.face.scale import (
     face_cues,
     landmark_distance,
 )
-from neural_strands.preparation.face.triangulate import triangulate_face
-from neural_strands.preparation.head.place import place, world_frame
-from neural_strands.preparation.head.template import Template, rescaled
+from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.face.triangulate import TriangulatedFace, triangulate_face
+from neural_strands.preparation.head.deform import Evidence, deform
+from neural_strands.preparation.head.place import cameras_in_world, place, world_frame
+from neural_strands.preparation.head.template import Template, near_landmarks, rescaled
+from neural_strands.preparation.photographs.folder import read_picture
 from neural_strands.scalp.fit_similarity import Similarity
 from neural_strands.scalp.head import Head
 
 FILE = "head.npz"
 FIGURES = "figures.json"
+OUTLINE = 50
+"""Of 255: the least certainty with which a pixel is taken for the person, so that the head is not made too small."""
 
 
 @dataclass(frozen=True)
@@ -101,15 +106,17 @@ def fit_head(
     faces: Sequence[Sequence[np.ndarray]],
     template: Template,
     known: KnownSize,
+    outlines: Sequence[Path | None] | None,
     say: Callable[[str], None],
 ) -> FittedHead:
-    """Place a template on the person by its face, and make its frame and the metre those of the world.
+    """Place a template on the person by its face, bend it, and make its frame and the metre those of the world.
 
     Args:
         calibration: cameras in any frame and unit.
         faces: for each view its detected faces.
         template: a head with landmarks.
         known: what the user measured.
+        outlines: for each view a mask of the person, if there is one; the template keeps its shape if None.
         say: takes sentences for the user.
 
     Raises:
@@ -134,6 +141,10 @@ def fit_head(
     placed = rescaled(template, scale.metres_per_unit * placement.fit.scale)
     residual = placement.residual * scale.metres_per_unit * placement.fit.scale
     say(f"The head lies on {placement.landmarks} landmarks, {1000 * residual:.1f} mm from them in the median.")
+    if outlines is not None:
+        placed = deform(placed, _evidence(calibration, face, frame, placed, outlines))
+        residual = _residual(placed, frame, face)
+        say(f"Bent to the person, {1000 * residual:.1f} mm from the landmarks in the median.")
     figures = {
         "views_with_face": agreed,
         "landmark_error_px": round(face.error, 3),
@@ -144,3 +155,30 @@ def fit_head(
         "scale_cues": {cue.name: [cue.metres_per_unit, round(cue.error, 4)] for cue in cues},
     }
     return FittedHead(placed.head, placed.landmarks, frame, figures)
+
+
+def _evidence(
+    calibration: Calibration,
+    face: TriangulatedFace,
+    frame: Similarity,
+    placed: Template,
+    outlines: Sequence[Path | None],
+) -> Evidence:
+    """What the photographs say of the head's shape, in the world."""
+    world = cameras_in_world(calibration.cameras, frame)
+    seen = [(camera, path) for camera, path in zip(world, outlines, strict=True) if path is not None]
+    return Evidence(
+        frame.apply(torch.from_numpy(face.points)).numpy(),
+        frame.scale * face.spread,
+        frame.apply(torch.from_numpy(calibration.points.position)).numpy(),
+        near_landmarks(placed.head.mesh.vertices, placed.landmarks).numpy(),
+        [camera for camera, _ in seen],
+        [read_picture(path)[..., 0] > OUTLINE for _, path in seen],
+    )
+
+
+def _residual(placed: Template, frame: Similarity, face: TriangulatedFace) -> float:
+    """Median distance of the template's landmarks from the person's, metres."""
+    inside = list(INTERIOR)
+    gap = placed.landmarks[inside].double() - frame.apply(torch.from_numpy(face.points[inside]))
+    return float(gap.norm(dim=1).nanmedian())

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
@@ -18,6 +18,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.scalp.hairline import measure_head
@@ -41,6 +42,8 @@ AMBIENT = 0.35
 FACING = 0.3
 """Cosine between normal and line of sight from which a landmark's ray is believed."""
 FEWEST_VIEWS = 3
+NEAR_LANDMARK = 0.012
+"""Metres from a landmark within which the template is face."""
 FILE = "template.npz"
 Paint = Callable[[Float[Tensor, "point 3"]], Float[Tensor, "point 3"]]
 """The colour, linear RGB, of points of a head's surface."""
@@ -196,6 +199,15 @@ def _agreed(cast: Float[Tensor, "view landmark 3"]) -> tuple[Float[Tensor, "land
     few = torch.isfinite(cast).all(dim=-1).sum(dim=0) < FEWEST_VIEWS
     middle[few], spread[few] = torch.nan, torch.nan
     return middle, spread
+
+
+def near_landmarks(
+    vertices: Float[Tensor, "vertex 3"], landmarks: Float[Tensor, "landmark 3"]
+) -> Bool[Tensor, " vertex"]:
+    """The vertices of the face: those near a landmark that stays on the skin (metres)."""
+    marks = landmarks[list(INTERIOR)]
+    marks = marks[torch.isfinite(marks).all(dim=1)]
+    return torch.cdist(vertices, marks).amin(dim=1) < NEAR_LANDMARK
 
 
 def rescaled(template: Template, factor: float) -> Template:

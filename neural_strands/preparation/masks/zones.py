@@ -11,6 +11,7 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import vertex_normals
 from neural_strands.preparation.face.topology import INTERIOR, NAMED
+from neural_strands.preparation.head.template import near_landmarks
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
 
@@ -24,8 +25,6 @@ BESIDE, BELOW = 0.93, 0.30
 """The same beside the head's silhouette, above the chin and a hand's breadth below it."""
 HAND = 0.10
 """Metres over which the one passes into the other."""
-NEAR_LANDMARK = 0.012
-"""Metres from a landmark within which the template is face."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,8 @@ class ZonedHead:
         chin = landmarks[NAMED["chin"], 1]
         marks = landmarks[list(INTERIOR)]
         marks = marks[torch.isfinite(marks).all(dim=1)]
-        gap = torch.cdist(vertices, marks).amin(dim=1)
         height = vertices[:, 1]
-        on_face = (gap < NEAR_LANDMARK) & (height < brow_height - 0.005)
+        on_face = near_landmarks(vertices, landmarks) & (height < brow_height - 0.005)
         prior = torch.full_like(height, SIDE)
         prior[height < chin - 0.01] = NECK
         prior[head.mesh.faces[head.scalp_faces].unique()] = SCALP

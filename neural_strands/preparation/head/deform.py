@@ -1,0 +1,163 @@
+"""Bending a placed template to the person: to landmarks and skin points, and inside every view's outline.
+
+What is sought is a displacement of each vertex that is smooth (its Laplacian small), small itself, and meets the data:
+a sparse linear least-squares problem, solved again as matches and weights change. Where nothing is seen, as under the
+hair, the displacement fades over some centimetres.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh, face_normals
+from neural_strands.geometry.mesh_queries import ClosestPoints, MeshIndex
+from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.head.template import Template
+
+BEND = 2.5e-4
+"""Expected size of the displacement's Laplacian (mean of the neighbours less the vertex), metres."""
+MOVE = 0.010
+"""Expected size of the displacement itself, metres."""
+LANDMARK = 0.0015
+"""Error of a landmark's place on the skin, metres, besides what is known of each."""
+SKIN, SKIN_REACH = 0.002, 0.012
+"""Error of a point of the skin, and how far from the template it may lie, metres."""
+OUTSIDE, SLACK = 0.002, 0.002
+"""Error of an outline, and how far a vertex may lie outside it, metres."""
+ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was seen of a person, in world metres.
+
+    Attributes:
+        landmarks: (landmark, 3); NaN where not known.
+        landmark_error: (landmark,).
+        points: (point, 3) of the scene; those near the face are taken for skin.
+        on_face: (vertex,) the template's vertices that skin points may lie on.
+        cameras: of the views with an outline.
+        outlines: for each of these (height, width) whether a pixel is the person.
+    """
+
+    landmarks: np.ndarray
+    landmark_error: np.ndarray
+    points: np.ndarray
+    on_face: np.ndarray
+    cameras: Sequence[Camera]
+    outlines: Sequence[np.ndarray]
+
+
+def deform(template: Template, evidence: Evidence) -> Template:
+    """Bend a placed template (world metres) to the evidence."""
+    rest = template.head.mesh
+    count = len(rest.vertices)
+    inside = np.array(INTERIOR)
+    source = template.landmarks.double().numpy()[inside]
+    target = evidence.landmarks[inside]
+    known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    anchors = _rows(MeshIndex(rest).closest(torch.from_numpy(source[known]).float()), rest, count)
+    spread = np.nan_to_num(template.spread.double().numpy()[inside][known])
+    variance = LANDMARK**2 + spread**2 + np.nan_to_num(evidence.landmark_error[inside][known]) ** 2
+    smooth = _laplacian(rest)
+    fixed = (smooth.T @ smooth) / BEND**2 + sparse.identity(count) / MOVE**2
+    start = rest.vertices.double().numpy()
+    moved = np.zeros_like(start)
+    weight = 1.0 / variance
+    for _ in range(ROUNDS):
+        current = Mesh(torch.from_numpy(start + moved).float(), rest.faces)
+        system = sparse.block_diag([fixed + (anchors.T @ sparse.diags(weight) @ anchors)] * 3, format="csc")
+        right = (anchors.T @ (weight[:, None] * (target[known] - anchors @ start))).T.ravel()
+        for rows, values in (_skin_rows(current, evidence, start), _outline_rows(current, evidence, start)):
+            system = system + rows.T @ rows
+            right = right + rows.T @ values
+        moved = splu(system.tocsc()).solve(right).reshape(3, count).T
+        gap = np.linalg.norm(anchors @ (start + moved) - target[known], axis=1)
+        # Geman and McClure's weights: landmarks that no smooth bend reaches have slipped.
+        weight = (1.0 + gap**2 / (9.0 * variance)) ** -2 / variance
+    mesh = replace(rest, vertices=torch.from_numpy(start + moved).float())
+    landmarks = template.landmarks.clone()
+    every = torch.isfinite(landmarks).all(dim=1)
+    carried = _rows(MeshIndex(rest).closest(landmarks[every].float()), rest, count) @ (start + moved)
+    landmarks[every] = torch.from_numpy(carried).to(landmarks)
+    return replace(template, head=replace(template.head, mesh=mesh), landmarks=landmarks)
+
+
+def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+    """Points near the face ask it to pass through them, along its normal."""
+    count = len(start)
+    faces = current.faces[torch.from_numpy(evidence.on_face)[current.faces].all(dim=1)]
+    if len(evidence.points) == 0 or len(faces) == 0:
+        return sparse.csr_matrix((0, 3 * count)), np.zeros(0)
+    face = Mesh(current.vertices, faces)
+    closest = MeshIndex(face).closest(torch.from_numpy(evidence.points).float())
+    near = closest.distance.numpy() < SKIN_REACH
+    inner = (closest.barycentric > 0.01).all(dim=1).numpy()
+    kept = torch.from_numpy(near & inner)
+    closest = ClosestPoints(
+        closest.face[kept], closest.barycentric[kept], closest.position[kept], closest.distance[kept]
+    )
+    normal = face_normals(face)[closest.face].double().numpy()
+    gap = closest.distance.double().numpy()
+    weight = 1.0 / (1.0 + (gap / (3 * SKIN)) ** 2) / SKIN
+    at = _rows(closest, face, count)
+    rows = sparse.hstack([sparse.diags(weight * normal[:, axis]) @ at for axis in range(3)]).tocsr()
+    values = weight * (normal * (evidence.points[kept.numpy()] - at @ start)).sum(axis=1)
+    return rows, values
+
+
+def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+    """Vertices outside an outline are asked onto it, across the line of sight; of several views the worst asks."""
+    count = len(start)
+    worst = np.zeros(count)
+    goal = start.copy()
+    for camera, outline in zip(evidence.cameras, evidence.outlines, strict=True):
+        pixels, depth = camera.project(current.vertices)
+        column, row = pixels.nan_to_num(-1.0).floor().long().unbind(dim=1)
+        # Where the picture ends nothing is known.
+        within = (column >= 1) & (row >= 1) & (column < camera.width - 1) & (row < camera.height - 1) & (depth > 0)
+        away, labels = cv2.distanceTransformWithLabels(
+            (~outline).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        nearest = np.zeros((labels.max() + 1, 2))
+        rows_in, columns_in = np.nonzero(outline)
+        nearest[labels[rows_in, columns_in]] = np.stack([columns_in + 0.5, rows_in + 0.5], axis=1)
+        r, c = row.clamp(0, camera.height - 1).numpy(), column.clamp(0, camera.width - 1).numpy()
+        metres = away[r, c] * depth.numpy() / float(camera.intrinsics[0, 0]) - SLACK
+        worse = within.numpy() & (metres > worst)
+        if not worse.any():
+            continue
+        onto = torch.from_numpy(nearest[labels[r, c]][worse]).float()
+        goal[worse] = camera.unproject(onto, depth[torch.from_numpy(worse)]).double().numpy()
+        worst[worse] = metres[worse]
+    asked = np.flatnonzero(worst > 0)
+    pick = sparse.csr_matrix((np.full(len(asked), 1.0 / OUTSIDE), (np.arange(len(asked)), asked)), (len(asked), count))
+    rows = sparse.block_diag([pick] * 3, format="csr")
+    return rows, ((goal - start)[asked] / OUTSIDE).T.ravel()
+
+
+def _rows(closest: ClosestPoints, mesh: Mesh, count: int) -> sparse.csr_matrix:
+    """The matrix (point, vertex) that interpolates points on a mesh."""
+    corners = mesh.faces[closest.face].numpy()
+    number = np.repeat(np.arange(len(corners)), 3)
+    weights = closest.barycentric.double().numpy().ravel()
+    return sparse.csr_matrix((weights, (number, corners.ravel())), (len(corners), count))
+
+
+def _laplacian(mesh: Mesh) -> sparse.csr_matrix:
+    """Mean of the neighbours less the vertex itself; nothing for a vertex without faces."""
+    faces = mesh.faces.numpy()
+    count = len(mesh.vertices)
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.concatenate([ends, ends[:, ::-1]])
+    adjacent = sparse.csr_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
+    adjacent.data[:] = 1.0
+    degree = np.asarray(adjacent.sum(axis=1)).ravel()
+    scale = sparse.diags(1.0 / np.maximum(degree, 1.0))
+    return (scale @ adjacent - sparse.diags((degree > 0).astype(float))).tocsr()
