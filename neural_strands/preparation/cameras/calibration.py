@@ -15,6 +15,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.lens import Lens
 from neural_strands.capture.view import rigid
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera, rigid_inverse
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
@@ -66,13 +67,9 @@ class SparsePoints:
         Raises:
             InputError: the file is missing or damaged.
         """
-        try:
-            with np.load(folder / POINTS, allow_pickle=False) as stored:
-                return cls(stored["position"], stored["colour"])
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(
-                f"{folder / POINTS}: expected the points of an earlier stage, found something else; remove {folder}."
-            ) from error
+        specs = (ArraySpec("position", "point 3", np.float64), ArraySpec("colour", "point 3", np.uint8, "u"))
+        arrays = read_npz(folder / POINTS, specs, "sparse points", "remove its folder, and the stage is done again")
+        return cls(arrays["position"], arrays["colour"])
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, excerpt
+from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.preparation.face.topology import LANDMARKS, NAMED
 
 FACES = "faces.json"
@@ -41,16 +42,8 @@ def read_marks(path: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
     Raises:
         InputError: the file is wrong, names an unknown landmark, or marks none of the pictures.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(
-            f"{path}: expected JSON with landmarks, {{photograph: {{landmark: [x, y]}}}}, but it cannot be read "
-            f"({str(error)[:100]})."
-        ) from error
-    if not isinstance(document, dict) or not all(isinstance(marks, dict) for marks in document.values()):
-        raise InputError(f"{path}: expected {{photograph: {{landmark: [x, y]}}}}, found something else; write it so.")
-    marked = {Path(name).stem.lower(): _face(path, name, marks) for name, marks in document.items()}
+    document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
+    marked = {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items()}
     found = [[marked[stem]] if (stem := Path(name).stem.lower()) in marked else [] for name in names]
     if not any(found):
         raise InputError(
@@ -60,19 +53,14 @@ def read_marks(path: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
     return found
 
 
-def _face(path: Path, name: str, marks: dict) -> np.ndarray:
+def _face(marks: JsonValue) -> np.ndarray:
     face = np.full((LANDMARKS, 2), np.nan)
-    for landmark, place in marks.items():
+    for landmark, place in marks.members().items():
         number = NAMED.get(landmark, int(landmark) if landmark.isdecimal() and len(landmark) < 4 else LANDMARKS)
         if number >= LANDMARKS:
             raise InputError(
-                f"{path}: {name[:60]}: expected landmarks out of {', '.join(NAMED)}, found {landmark[:40]!r}; "
-                "rename it."
+                f"{marks.source}: {marks.place}: expected landmarks out of {', '.join(NAMED)}, found "
+                f"{excerpt(landmark)}; rename it."
             )
-        pair = (
-            isinstance(place, list) and len(place) == 2 and all(type(x) in (int, float) and abs(x) < 1e6 for x in place)
-        )
-        if not pair:
-            raise InputError(f"{path}: {name[:60]}: {landmark}: expected [x, y] in pixels, found {str(place)[:40]!r}.")
-        face[number] = place
+        face[number] = place.array(2)
     return face

@@ -12,7 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.mesh import Mesh
+from neural_strands.foundation.json_files import read_json
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.preparation.cameras.calibration import Calibration
 from neural_strands.preparation.face.scale import (
     TEMPLATE_SPREAD,
@@ -25,6 +26,7 @@ from neural_strands.preparation.face.scale import (
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.face.triangulate import TriangulatedFace, triangulate_face
 from neural_strands.preparation.head.deform import Evidence, deform
+from neural_strands.preparation.head.files import ADVICE, HEAD_ARRAYS, head_arrays, head_of
 from neural_strands.preparation.head.place import cameras_in_world, place, world_frame
 from neural_strands.preparation.head.template import Template, near_landmarks, rescaled
 from neural_strands.preparation.photographs.folder import read_picture
@@ -70,14 +72,10 @@ class FittedHead:
         """Write `head.npz` and `figures.json`."""
         np.savez(
             folder / FILE,
-            vertices=self.head.mesh.vertices.numpy(),
-            faces=self.head.mesh.faces.numpy(),
-            scalp_faces=self.head.scalp_faces.numpy(),
-            scalp_uv=self.head.scalp_uv.numpy(),
-            landmarks=self.landmarks.numpy(),
             scale=self.frame.scale,
             rotation=self.frame.rotation.numpy(),
             translation=self.frame.translation.numpy(),
+            **head_arrays(self.head, self.landmarks),
         )
         (folder / FIGURES).write_text(json.dumps(self.figures, indent=1), encoding="utf-8")
 
@@ -88,17 +86,12 @@ class FittedHead:
         Raises:
             InputError: a file is missing or damaged.
         """
-        try:
-            with np.load(folder / FILE, allow_pickle=False) as stored:
-                values = {name: torch.from_numpy(stored[name]) for name in stored.files}
-            figures = json.loads((folder / FIGURES).read_text(encoding="utf-8"))
-            head = Head(Mesh(values["vertices"], values["faces"]), values["scalp_faces"], values["scalp_uv"])
-            frame = Similarity(float(values["scale"]), values["rotation"], values["translation"])
-            return cls(head, values["landmarks"], frame, figures)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{folder}: expected the head of an earlier stage, found something else; remove the folder."
-            ) from error
+        frame = (ArraySpec("scale", ""), ArraySpec("rotation", "3 3"), ArraySpec("translation", "3"))
+        arrays = read_npz(folder / FILE, (*HEAD_ARRAYS, *frame), "a fitted head", ADVICE)
+        figures = read_json(folder / FIGURES, "the figures of a fitted head", ADVICE)
+        head, landmarks = head_of(arrays)
+        rotation, translation = torch.from_numpy(arrays["rotation"]), torch.from_numpy(arrays["translation"])
+        return cls(head, landmarks, Similarity(float(arrays["scale"]), rotation, translation), figures.value)
 
 
 def fit_head(

@@ -14,11 +14,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.head.files import ADVICE, HEAD_ARRAYS, head_arrays, head_of
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.scalp.hairline import measure_head
@@ -65,15 +67,7 @@ class Template:
 
     def save(self, folder: Path) -> None:
         """Write `template.npz`."""
-        np.savez(
-            folder / FILE,
-            vertices=self.head.mesh.vertices.numpy(),
-            faces=self.head.mesh.faces.numpy(),
-            scalp_faces=self.head.scalp_faces.numpy(),
-            scalp_uv=self.head.scalp_uv.numpy(),
-            landmarks=self.landmarks.numpy(),
-            spread=self.spread.numpy(),
-        )
+        np.savez(folder / FILE, spread=self.spread.numpy(), **head_arrays(self.head, self.landmarks))
 
     @classmethod
     def load(cls, folder: Path) -> "Template":
@@ -82,15 +76,9 @@ class Template:
         Raises:
             InputError: the file is missing or damaged.
         """
-        try:
-            with np.load(folder / FILE, allow_pickle=False) as stored:
-                values = {name: torch.from_numpy(stored[name]) for name in stored.files}
-            head = Head(Mesh(values["vertices"], values["faces"]), values["scalp_faces"], values["scalp_uv"])
-            return cls(head, values["landmarks"], values["spread"])
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(
-                f"{folder / FILE}: expected the template of an earlier stage, found something else; remove {folder}."
-            ) from error
+        spread = ArraySpec("spread", "landmark", np.float32, finite=False)
+        arrays = read_npz(folder / FILE, (*HEAD_ARRAYS, spread), "a template", ADVICE)
+        return cls(*head_of(arrays), torch.from_numpy(arrays["spread"]))
 
 
 def bust(head: Head) -> Head:
