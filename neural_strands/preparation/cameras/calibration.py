@@ -68,7 +68,7 @@ class SparsePoints:
             InputError: the file is missing or damaged.
         """
         specs = (ArraySpec("position", "point 3", np.float64), ArraySpec("colour", "point 3", np.uint8, "u"))
-        arrays = read_npz(folder / POINTS, specs, "sparse points", "remove its folder, and the stage is done again")
+        arrays = read_npz(folder / POINTS, "sparse points", specs, "remove its folder, and the stage is done again")
         return cls(arrays["position"], arrays["colour"])
 
 

@@ -87,7 +87,7 @@ class FittedHead:
             InputError: a file is missing or damaged.
         """
         frame = (ArraySpec("scale", ""), ArraySpec("rotation", "3 3"), ArraySpec("translation", "3"))
-        arrays = read_npz(folder / FILE, (*HEAD_ARRAYS, *frame), "a fitted head", ADVICE)
+        arrays = read_npz(folder / FILE, "a fitted head", (*HEAD_ARRAYS, *frame), ADVICE)
         figures = read_json(folder / FIGURES, "the figures of a fitted head", ADVICE)
         head, landmarks = head_of(arrays)
         rotation, translation = torch.from_numpy(arrays["rotation"]), torch.from_numpy(arrays["translation"])

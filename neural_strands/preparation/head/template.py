@@ -77,7 +77,7 @@ class Template:
             InputError: the file is missing or damaged.
         """
         spread = ArraySpec("spread", "landmark", np.float32, finite=False)
-        arrays = read_npz(folder / FILE, (*HEAD_ARRAYS, spread), "a template", ADVICE)
+        arrays = read_npz(folder / FILE, "a template", (*HEAD_ARRAYS, spread), ADVICE)
         return cls(*head_of(arrays), torch.from_numpy(arrays["spread"]))
 
 
