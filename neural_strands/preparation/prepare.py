@@ -35,7 +35,7 @@ from neural_strands.preparation.face.files import read_faces, read_marks, write_
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
-from neural_strands.preparation.head.template import Template, bust, find_landmarks
+from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.masks.hair import find_hair, vote_on
 from neural_strands.preparation.masks.segmenter import GivenMasks, check_command, run_segmenter
 from neural_strands.preparation.masks.zones import ZonedHead
@@ -48,7 +48,6 @@ from neural_strands.preparation.photographs.folder import (
 from neural_strands.preparation.photographs.video import import_video, is_video
 from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
-from neural_strands.scalp.load import load_head
 
 STAGES = "preparation"
 """Folder of the stages, in the capture."""
@@ -251,7 +250,7 @@ class _Run:
         }
 
         def work(out: Path) -> None:
-            find_landmarks(bust(load_head(path, scalp)), self.request.detector, out, str(path)).save(out)
+            find_landmarks(load_template(path, scalp), self.request.detector, out, str(path)).save(out)
 
         return self._stage("template", inputs, work)
 

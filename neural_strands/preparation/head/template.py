@@ -21,10 +21,13 @@ from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.head.files import ADVICE, HEAD_ARRAYS, head_arrays, head_of
+from neural_strands.preparation.head.flame import read_flame
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
-from neural_strands.scalp.hairline import measure_head
+from neural_strands.scalp.chart import chart_faces
+from neural_strands.scalp.hairline import measure_head, scalp_faces
 from neural_strands.scalp.head import Head
+from neural_strands.scalp.load import load_head
 
 BUST = 0.42
 """Metres below the crown that are kept of a whole body."""
@@ -95,6 +98,21 @@ def bust(head: Head) -> Head:
     on_bust = kept[head.scalp_faces]
     scalp = face_number[head.scalp_faces[on_bust]]
     return Head(Mesh(vertices[used], number[faces], uv), scalp, head.scalp_uv[on_bust])
+
+
+def load_template(path: Path, scalp: Path | None) -> Head:
+    """Read a template: any mesh that `scalp.load.load_head` reads, or FLAME's pickle.
+
+    Raises:
+        InputError: a file is missing or wrong.
+    """
+    if path.suffix.lower() not in (".pkl", ".pickle"):
+        return bust(load_head(path, scalp))
+    if scalp is not None:
+        raise InputError(f"{scalp}: expected no --scalp with FLAME's model, found one; leave it out, it is found.")
+    mesh = read_flame(path)
+    chosen = scalp_faces(mesh)
+    return bust(Head(mesh, chosen, chart_faces(mesh, chosen)))
 
 
 def skin(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:

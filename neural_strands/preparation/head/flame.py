@@ -1,0 +1,96 @@
+"""The FLAME head model from the pickle that its owners hand to licensed users, read without running anything in it.
+
+A pickle may name any function to be called. Here only NumPy arrays are built; every other name stands for an object
+that does nothing, so that what the file says about SciPy and Chumpy is passed over.
+"""
+
+import codecs
+import pickle
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from neural_strands.foundation.errors import InputError, reason
+from neural_strands.foundation.input_files import read_bytes
+from neural_strands.geometry.mesh import Mesh
+
+LARGEST = 2**30
+"""Bytes of the largest file."""
+MOST_VERTICES = 200_000
+ARRAY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
+
+
+class _Inert:
+    """Stands for an object of any other library: takes whatever it is given and keeps its state."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.state: Any = None
+
+    def __setstate__(self, state: object) -> None:
+        self.state = state
+
+    def append(self, _: object) -> None:
+        """Take an element of a list."""
+
+    def extend(self, _: object) -> None:
+        """Take elements of a list."""
+
+    def __setitem__(self, _: object, __: object) -> None:
+        pass
+
+
+def _encode(text: str, encoding: str = "latin1") -> bytes:
+    """What pickles of Python 3 call to make bytes; other encodings could unpack to any size."""
+    if encoding != "latin1":
+        raise pickle.UnpicklingError(f"the encoding {encoding[:20]!r}")
+    return codecs.encode(text, "latin1")
+
+
+class _ArrayUnpickler(pickle.Unpickler):
+    """Builds arrays, numbers, texts and containers, and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module in ARRAY_MODULES and name in ("_reconstruct", "scalar"):
+            return getattr(np._core.multiarray, name)
+        if module == "numpy" and name in ("ndarray", "dtype"):
+            return getattr(np, name)
+        if (module, name) == ("_codecs", "encode"):
+            return _encode
+        return _Inert
+
+
+def read_flame(path: Path) -> Mesh:
+    """Read the mean head: metres, y up, +z out of the face.
+
+    Raises:
+        InputError: the file is no pickle of a model with `v_template` and `f`.
+    """
+    data = read_bytes(path, "FLAME's model", LARGEST)
+    try:
+        model = _ArrayUnpickler(BytesIO(data), encoding="latin1").load()
+        vertices, faces = (_array(model[name]) for name in ("v_template", "f"))
+    # A damaged pickle raises almost anything.
+    except Exception as error:
+        raise InputError(
+            f"{path}: expected FLAME's model (a pickle with v_template and f), but it does not read so "
+            f"({reason(error)}); download it again."
+        ) from error
+    shaped = vertices.ndim == faces.ndim == 2 and vertices.shape[1:] == faces.shape[1:] == (3,)
+    if not shaped or not 0 < len(vertices) < MOST_VERTICES or len(faces) == 0:
+        raise InputError(f"{path}: expected v_template and f of triangles, found {vertices.shape} and {faces.shape}.")
+    vertices, faces = vertices.astype(np.float32), faces.astype(np.int64)
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"{path}: expected faces over finite vertices, found others; download it again.")
+    return Mesh(torch.from_numpy(vertices), torch.from_numpy(faces))
+
+
+def _array(value: Any) -> np.ndarray:
+    """An array, also where Chumpy wraps it (its state holds the array under `x`)."""
+    if isinstance(value, _Inert):
+        value = value.state["x"]
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
+        raise ValueError(f"{type(value).__name__} in place of an array of numbers")
+    return value

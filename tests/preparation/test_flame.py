@@ -1,0 +1,92 @@
+"""FLAME's pickle: read as its owners write it, and nothing in it is run."""
+
+import pickle
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.head.flame import read_flame
+
+VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.uint32)
+
+
+@pytest.fixture
+def wrapper(monkeypatch: pytest.MonkeyPatch):
+    """A class of a library that is not installed where the file is read."""
+    module = types.ModuleType("chumpy.ch")
+
+    class Ch:
+        def __init__(self, x):
+            self.x = x
+
+    Ch.__module__, Ch.__qualname__ = "chumpy.ch", "Ch"
+    module.Ch = Ch
+    monkeypatch.setitem(sys.modules, "chumpy", types.ModuleType("chumpy"))
+    monkeypatch.setitem(sys.modules, "chumpy.ch", module)
+    return Ch
+
+
+@pytest.mark.parametrize("protocol", [2, 4])
+def test_the_mean_head_is_read(tmp_path: Path, wrapper, monkeypatch: pytest.MonkeyPatch, protocol: int):
+    path = tmp_path / "model.pkl"
+    content = {
+        "v_template": wrapper(VERTICES),
+        "f": FACES,
+        "J_regressor": scipy.sparse.csc_matrix(np.eye(4)),
+        "bs_style": "lbs",
+    }
+    path.write_bytes(pickle.dumps(content, protocol))
+    monkeypatch.delitem(sys.modules, "chumpy.ch")
+    mesh = read_flame(path)
+    np.testing.assert_array_equal(mesh.vertices, VERTICES)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+
+
+class Trap:
+    def __init__(self, path: Path):
+        self.path = path
+
+    def __reduce__(self):
+        return (Path.touch, (self.path,))
+
+
+def test_nothing_is_run(tmp_path: Path):
+    trap = tmp_path / "sprung"
+    path = tmp_path / "model.pkl"
+    path.write_bytes(pickle.dumps({"v_template": VERTICES, "f": FACES, "x": Trap(trap)}))
+    np.testing.assert_array_equal(read_flame(path).faces, FACES)
+    assert not trap.exists()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"f": FACES},
+        {"v_template": "none", "f": FACES},
+        {"v_template": VERTICES[:2], "f": FACES},
+        {"v_template": VERTICES * np.nan, "f": FACES},
+        {"v_template": VERTICES[0], "f": FACES},
+        [1, 2],
+    ],
+)
+def test_other_pickles_are_one_sentence(tmp_path: Path, content):
+    path = tmp_path / "model.pkl"
+    path.write_bytes(pickle.dumps(content))
+    with pytest.raises(InputError, match="expected") as caught:
+        read_flame(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_files_are_one_sentence(tmp_path: Path):
+    path = tmp_path / "model.pkl"
+    whole = pickle.dumps({"v_template": VERTICES, "f": FACES})
+    for size in range(0, len(whole), 7):
+        path.write_bytes(whole[:size])
+        with pytest.raises(InputError, match="FLAME's model"):
+            read_flame(path)
