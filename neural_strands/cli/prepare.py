@@ -26,7 +26,7 @@ class Prepare:
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture."""
     template: Path | None = None
-    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl; the built-in one if left out."""
+    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl; the mannequin if left out."""
     scalp: Path | None = None
     """The template's scalp: a chart, a list of faces or a painted mask; found if left out."""
     cameras: Path | None = None
