@@ -27,16 +27,17 @@ class ChamferConfig:
     radius: float = 0.02
     """Farthest neighbour that counts, metres."""
     surface_radius: float = 0.0015
-    """Generated points farther than this from every segment are hidden, and not pulled to the surface, metres."""
+    """Generated points farther than this from every segment count as hidden and are not pulled to the surface,
+    metres."""
     unit: float = 0.002
-    """The distance that weighs as much as a direction off by 90 degrees, metres."""
+    """The distance that costs as much as a direction error of 90 degrees, metres."""
     signed: bool = False
-    """Whether a direction opposite to its segment's counts as wrong."""
+    """Whether a direction opposite to that of its segment counts as wrong."""
 
 
 @dataclass(frozen=True)
 class OrientedTargets:
-    """The line segments as the geometric loss sees them.
+    """The line segments, prepared for the geometric loss.
 
     Attributes:
         points: positions, metres.
@@ -78,9 +79,9 @@ def coverage_loss(
     Args:
         points: generated points that carry a gradient.
         directions: their unit directions.
-        others: generated points that do not: a target nearest to one of them is left to another step.
+        others: generated points without gradient; a target nearest to one of them is left to another step.
         targets: the line segments.
-        chosen: which of their points this step asks.
+        chosen: indices of their points in this step.
         config: radii and unit.
     """
     everything = torch.cat([points.detach(), others])
@@ -105,7 +106,7 @@ def alpha_loss(
     reference: Float[Tensor, "height width"],
     supervised: Bool[Tensor, "height width"],
 ) -> Float[Tensor, ""]:
-    """Mean squared error of the alpha map over the pixels that the trimap is sure of (paper, L_alpha)."""
+    """Mean squared error of the alpha map over the pixels where the trimap is certain (paper, L_alpha)."""
     squared = (alpha - reference).square() * supervised
     return squared.sum() / supervised.sum().clamp(min=1)
 
@@ -115,7 +116,7 @@ def head_penalty(
 ) -> Float[Tensor, ""]:
     """Mean squared depth, in units of the clearance, of points closer to the head than `clearance` metres.
 
-    The first tenth of every strand is left free: it has to leave the scalp.
+    The first tenth of every strand is exempt, because it has to leave the scalp.
     """
     free = points[:, points.shape[1] // 10 :].reshape(-1, 3)
     depth = torch.relu(clearance - head(free))
@@ -125,7 +126,7 @@ def head_penalty(
 def holding_loss(
     points: Float[Tensor, "strand point 3"], first: Float[Tensor, "strand point 3"], unit: float
 ) -> Float[Tensor, ""]:
-    """Mean squared distance of points, in units, from where they began."""
+    """Mean squared distance of points from their start, in units."""
     return ((points - first) / unit).square().sum(dim=-1).mean()
 
 
@@ -136,7 +137,7 @@ def _mean_misfit(
     target_directions: Float[Tensor, "pair 3"],
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
-    """Mean over pairs of distance and direction error; zero, with a gradient of zero, where there is no pair."""
+    """Mean over pairs of distance and direction error; zero, with zero gradient, if there is no pair."""
     if len(points) == 0:
         return points.sum() + directions.sum()
     offset = points - targets

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ScheduleConfig:
-    """When each part of the fit begins and how fast it moves; lengths are fractions of all steps.
+    """When each part of the fit starts and how fast it moves; durations are fractions of all steps.
 
     The defaults are for a fit that starts from the mean strand everywhere, as the paper's does.
     """
@@ -14,16 +14,16 @@ class ScheduleConfig:
     widest_blur: float = 16.0
     """Deviation in texels of the Gaussian that blurs the gradient of the shape texture at the first step."""
     blur_until: float = 0.5
-    """Fraction of the steps after which the gradient is not blurred any more."""
+    """Fraction of the steps after which the gradient is no longer blurred."""
     release_until: float = 0.3
-    """Fraction of the steps after which the whole strand is free; before, only its part nearest the root."""
+    """Fraction of the steps after which the whole strand is free; before that, only the part nearest the root is."""
     geometry_only: float = 0.3
-    """Fraction of the steps during which rendering and alpha losses weigh nothing (the paper: 1,000 steps)."""
+    """Fraction of the steps during which rendering and alpha losses have no weight (the paper: 1,000 steps)."""
     appearance_blur: float = 3.0
-    """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture: what few views show of a
-    strand, its neighbours teach it."""
+    """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture: strands that few views see
+    learn from their neighbours."""
     perceptual_from: float = 0.5
-    """Fraction of the steps after which the perceptual distance counts: before, it is dear and says little."""
+    """Fraction of the steps after which the perceptual loss counts; earlier it is expensive and has little effect."""
     warmup: int = 50
     """Steps over which learning rates rise from zero."""
     final_rate: float = 0.1
