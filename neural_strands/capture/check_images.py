@@ -18,7 +18,7 @@ a blur of 1.5 pixels 0.53 to 0.68, of 2 pixels 0.65 to 0.77 (measured on path-tr
 DRIFT = 0.75
 """Photographic stops by which a view may differ from the views beside it (fixed lights change hair by up to 0.6)."""
 CLIPPED = 0.1
-"""Share of burnt-out pixels of the subject that is worth a word."""
+"""Share of burnt-out pixels of the subject that is worth a warning."""
 EMPTY_MASK = 0.001
 """A mask that covers less than this share of the image is empty."""
 FULL_MASK = 0.98
@@ -27,7 +27,7 @@ FULL_MASK = 0.98
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """What one view's files say.
+    """Facts about the files of one view.
 
     Attributes:
         name: of the view.
@@ -49,12 +49,12 @@ class ImageFacts:
 
 
 def gather(capture: Capture) -> list[ImageFacts]:
-    """Look at every view once."""
+    """Check every view once."""
     return [_facts(capture, index) for index in track(range(len(capture)), "looking at images")]
 
 
 def check_files(facts: Sequence[ImageFacts]) -> list[Finding]:
-    """Missing, unreadable and wrongly sized files: one row a view concerned."""
+    """Missing, unreadable and wrongly sized files: one row per view concerned."""
     broken = [fact for fact in facts if fact.problem]
     if not broken:
         return [Finding("files", "good", f"{len(facts)} images and their masks read and fit their cameras")]
@@ -85,7 +85,7 @@ def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:
 
 
 def check_sharpness(facts: Sequence[ImageFacts]) -> Finding:
-    """Views out of focus or moved."""
+    """Views that are out of focus or blurred by motion."""
     known = [fact for fact in facts if not fact.problem and fact.blur == fact.blur]
     blurred = tuple(fact.name for fact in known if fact.blur > BLURRED)
     if not known:
@@ -138,7 +138,7 @@ def _facts(capture: Capture, index: int) -> ImageFacts:
 
 
 def _subject(image: np.ndarray, hair: torch.Tensor | None, person: torch.Tensor | None) -> np.ndarray:
-    """Where the subject is: the hair, or the person, or the middle half of the image."""
+    """The region of the subject: the hair, or the person, or the middle half of the image."""
     for mask in (hair, person):
         if mask is not None and float((mask > 0.5).float().mean()) > EMPTY_MASK:
             return (mask > 0.5).numpy()
@@ -149,10 +149,10 @@ def _subject(image: np.ndarray, hair: torch.Tensor | None, person: torch.Tensor 
 
 
 def _blur(image: np.ndarray, subject: np.ndarray) -> float:
-    """How little an image changes when blurred once more (after the idea of Crete et al. 2007).
+    """How little an image changes when it is blurred once more (after Crete et al. 2007).
 
     The Laplacian's mean square after a Gaussian of one pixel over the one before: small for fine detail, near one for
-    an image that was blurred already. A first Gaussian of one pixel takes away what is noise or rounding.
+    an image that was blurred already. A first Gaussian of one pixel removes noise and rounding.
     """
     grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (0, 0), 1.0)
     fine = cv2.Laplacian(grey, cv2.CV_32F)[subject]

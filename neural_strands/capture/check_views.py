@@ -11,36 +11,36 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 
 HEAD_HEIGHT = (0.15, 0.8)
-"""Metres that a head with neck, or a bust, is high."""
+"""Plausible height of a head with neck, or a bust, metres."""
 FRAME_WIDTH = (0.15, 3.0)
-"""Metres that an image of a head spans at the head's distance."""
+"""Plausible width of an image at the distance of the head, metres."""
 SEEN_SHARE = 0.3
 """A camera sees the head when at least this share of the head's vertices falls into its image."""
 REACH = 45.0
-"""Degrees about a viewing direction within which hair counts as covered by it."""
+"""Angle around a viewing direction within which hair counts as covered by it, degrees."""
 COVERED_SHARE = 0.5
-"""Least share of all directions about the head that should be covered."""
+"""Smallest share of all directions around the head that should be covered."""
 FEW_VIEWS = 12
-"""Fewer views than this make poor geometry."""
+"""Fewer views than this give poor geometry."""
 DIRECTIONS = 1000
-"""Directions about the head at which coverage is tested."""
+"""Number of directions around the head in which coverage is tested."""
 
 
 def subject_centre(cameras: Sequence[Camera], head: Mesh | None) -> Float[Tensor, "3"]:
-    """The middle of the head, or else the point nearest to all optical axes (least squares)."""
+    """The middle of the head or, without one, the point nearest to all optical axes (least squares)."""
     if head is not None:
         return 0.5 * (head.vertices.amin(dim=0) + head.vertices.amax(dim=0))
     axes = torch.stack([camera.rotation[2] for camera in cameras]).double()
     positions = torch.stack([camera.position for camera in cameras]).double()
     across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
-    # Parallel axes meet nowhere: a little weight on the points one unit ahead keeps the system solvable.
+    # Parallel axes do not meet; a small weight on the points one unit ahead keeps the system solvable.
     system = across.sum(dim=0) + 1e-9 * len(cameras) * torch.eye(3, dtype=torch.float64)
     right = (across @ positions[:, :, None]).sum(dim=0) + 1e-9 * (positions + axes).sum(dim=0)[:, None]
     return torch.linalg.solve(system, right)[:, 0].float()
 
 
 def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
-    """Whether the unit of the calibration can be the metre."""
+    """Whether the unit of the calibration is plausibly the metre."""
     if head is not None:
         height = float((head.vertices.amax(dim=0) - head.vertices.amin(dim=0)).max())
         if HEAD_HEIGHT[0] <= height <= HEAD_HEIGHT[1]:
@@ -100,7 +100,7 @@ def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
 
 
 def check_doubles(cameras: Sequence[Camera]) -> Finding | None:
-    """Views with the same pose, which a broken export gives."""
+    """Views with the same pose, a sign of a broken export."""
     poses = torch.stack([camera.world_to_camera for camera in cameras]).reshape(len(cameras), -1)
     same = (torch.cdist(poses, poses) < 1e-6).triu(diagonal=1).any(dim=0)
     if not same.any():

@@ -1,4 +1,4 @@
-"""One photograph of a capture: where its files are and what camera took it."""
+"""One photograph of a capture: its files and its camera."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 
 ROTATION_TOLERANCE = 1e-2
-"""How far a stored rotation may be from orthonormal before it is refused (exports round to a few digits)."""
+"""Largest deviation of a stored rotation from orthonormal (exports round to a few digits)."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class View:
 
     Attributes:
         camera: the pinhole camera of the undistorted image.
-        lens: the lens that took the photograph.
+        lens: the lens of the photograph.
         image_path: the photograph.
         hair_mask_path: coverage of hair, if there is a file.
         person_mask_path: coverage of the person, if there is a file.
@@ -60,7 +60,7 @@ def rigid(matrix: Float[Tensor, "4 4"], source: str) -> Float[Tensor, "4 4"]:
 
 
 def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """The mask of a photograph in a folder: NAME.png, or NAME.jpg.png as COLMAP names them."""
+    """The mask of a photograph in a folder: NAME.png, or NAME.jpg.png in COLMAP's style."""
     for name in (f"{image_path.stem}.png", f"{image_path.name}.png", image_path.name):
         if (folder / name).is_file():
             return folder / name

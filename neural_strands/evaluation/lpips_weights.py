@@ -23,7 +23,7 @@ from neural_strands.foundation.files import atomic_file
 FOLDER_VARIABLE = "NEURAL_STRANDS_WEIGHTS"
 """Environment variable that names a folder of weights."""
 TIMEOUT = 20.0
-"""Seconds without an answer after which an address counts as not reachable."""
+"""Seconds without an answer after which an address counts as unreachable."""
 HEADS_ADDRESS = (
     "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
     "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1"

@@ -24,23 +24,23 @@ class ChainConfig:
     rounds: int = 2
     """Mean shifts of every point before chains grow."""
     angle: float = 25.0
-    """Neighbours of a larger angle are another strand."""
+    """Neighbours with a larger angle belong to another strand."""
     turn: float = 20.0
     """Largest turn of a chain from one point to the next."""
     step: float = 1.0
-    """Distance of a chain's points."""
+    """Distance between the points of a chain."""
     spacing: float = 0.6
-    """Points nearer than this to a chain belong to it and start no other."""
+    """Points nearer than this to a chain belong to it and do not start another."""
     support: float = 0.4
-    """Least sum of weights about a chain's point."""
+    """Smallest sum of weights around a point of a chain."""
     steps: int = 24
-    """Points a chain grows each way at most."""
+    """Largest number of points by which a chain grows in each direction."""
     shortest: int = 3
     """Chains of fewer points are dropped."""
     apart: float = 6.0
-    """Seeds grown at once are this far apart."""
+    """Distance between seeds grown together."""
     batch: int = 8192
-    """Seeds grown at once."""
+    """Number of seeds grown together."""
 
 
 class Cloud:
@@ -58,7 +58,7 @@ class Cloud:
 
 
 def mean_shift(cloud: OrientedPoints, radius: float, degrees: float, rounds: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Shifted points, turned directions and the weight about each."""
+    """Shifted points, aligned directions and the weight around each."""
     grid = Cloud(cloud.points, cloud.directions, cloud.weight, radius)
     moved, turned = torch.zeros_like(cloud.points), torch.zeros_like(cloud.directions)
     support = torch.zeros_like(cloud.weight)
@@ -73,7 +73,7 @@ def grow_chains(
 ) -> LineSegments:
     """Grow chains from the cloud until every point belongs to one."""
     radius, cell = config.radius * footprint, config.spacing * footprint
-    # What is near in space is near in memory: a walk reads all of a neighbourhood.
+    # Points near in space are near in memory, because a walk reads whole neighbourhoods.
     cloud = cloud.select(torch.argsort(cell_keys(cloud.points, radius)))
     points, directions, _ = mean_shift(cloud, radius, config.angle, config.rounds)
     grid = Cloud(points, directions, cloud.weight, radius)
@@ -134,7 +134,7 @@ def _walk(
         kernels.array(length),
     ]
     kernels.launch_split(chain_kernels.grow, 2 * len(seeds), inputs, points.device)
-    # Both ways of a chain in one row: the way back reversed, the seed, the way ahead.
+    # Both directions of a chain in one row: backwards (reversed), the seed, forwards.
     step = torch.arange(config.steps, device=points.device)
     ahead, behind = step < length[:, :1], (step < length[:, 1:]).flip(1)
     kept = torch.cat([behind, length.amax(dim=1, keepdim=True) > 0, ahead], dim=1)
@@ -163,7 +163,7 @@ def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chain
 
 
 def _among(keys: Tensor, ordered: Tensor) -> Tensor:
-    """Which keys are among those of a sorted list: `torch.isin`, which would sort both anew."""
+    """Whether keys are among those of a sorted list: `torch.isin` would sort both again."""
     if len(ordered) == 0:
         return torch.zeros_like(keys, dtype=torch.bool)
     place = torch.searchsorted(ordered, keys).clamp(max=len(ordered) - 1)

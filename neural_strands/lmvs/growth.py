@@ -1,8 +1,8 @@
 """Growth direction: a sign for every segment so that it runs from root to tip (paper, after Chai 2013).
 
-Each segment carries one unknown in [-1, 1]. Neighbouring segments of about the same line want the same sign, segments
-that leave the scalp want to point away from it, and hair hangs if nothing else is known. The minimum of the sum of
-squares is a sparse linear system: diffusion with soft anchors. Strokes are anchors that outweigh all others.
+Each segment carries one unknown in [-1, 1]. Neighbouring segments on about the same line should have the same sign,
+segments that leave the scalp should point away from it, and hair hangs if nothing else is known. The minimum of the sum
+of squares is a sparse linear system: diffusion with soft anchors. Strokes are anchors that outweigh all others.
 """
 
 import math
@@ -26,24 +26,25 @@ class GrowthConfig:
     """Weights of the diffusion; lengths are in the spacing of the segments' points unless they say otherwise."""
 
     reach: float = 12.0
-    """How far neighbours are looked for."""
+    """Distance within which neighbours are searched."""
     neighbours: int = 12
-    """Neighbours of a point."""
+    """Largest number of neighbours of a point."""
     angle: float = 35.0
-    """Neighbours of a larger angle say nothing, degrees."""
+    """Neighbours with a larger angle are ignored, degrees."""
     scalp_reach: float = 0.03
-    """How far from the head its pull falls to 1/e, as a share of the head's size."""
+    """Distance from the head at which its pull falls to 1/e, as a share of the head's size."""
     scalp: float = 3e-4
-    """Pull to point away from the head, where a tie between two segments has up to 1.
+    """Pull to point away from the head; a tie between two segments weighs up to 1.
 
-    This and the next are so small that neighbours alone decide who points with whom, and these which of its two signs
-    a mass of hair takes. Stronger, they turn single parts: hair that stands up at the root before it falls."""
+    This and the next are so small that neighbours alone decide which segments point the same way, and these only choose
+    between the two signs of a mass of hair. If stronger, they would turn single parts, such as hair that stands up at
+    the root before it falls."""
     gravity: float = 1.5e-5
-    """Pull to hang."""
+    """Pull to point downwards."""
     stroke: float = 100.0
     """Pull of a stroke."""
     stroke_reach: float = 10.0
-    """How far from a stroke it pulls."""
+    """Distance up to which a stroke pulls."""
 
 
 def orient_segments(
@@ -58,9 +59,9 @@ def orient_segments(
 
     Args:
         segments: chains whose directions follow their points.
-        head: the head, if it is known; without one only gravity and strokes say which way hair grows.
-        scalp_faces: the faces of the head that hair grows from, if they are known: hair points away from these alone,
-            as away from the shoulders is up again.
+        head: the head, if it is known; without one only gravity and strokes determine the direction.
+        scalp_faces: the faces of the head that hair grows from, if known: hair points away from these alone, because
+            away from the shoulders would be upwards.
         strokes: polylines drawn from root to tip, metres.
         config: weights.
         up: against gravity, in world axes.
@@ -89,13 +90,13 @@ def orient_segments(
     ties = coo_matrix((coupling, (first, second)), shape=(count, count)).tocsr()
     ties = ties + ties.T
     diagonal = np.asarray(abs(ties).sum(axis=1)).ravel() + anchored + 1e-9
-    # With anchors this weak a large capture ends at the last iteration; signs settle long before values do.
+    # With anchors this weak a large capture runs to the last iteration; signs settle long before values.
     sign, _ = cg(diags(diagonal) - ties, anchor, rtol=1e-10, maxiter=1000, M=diags(1 / diagonal))
     return flip_segments(segments, torch.from_numpy(sign < 0).to(segments.points.device))
 
 
 def flip_segments(segments: LineSegments, flip: Tensor) -> LineSegments:
-    """Reverse the segments that `flip` names: their points' order and their directions."""
+    """Reverse the segments selected by `flip`: the order of their points and their directions."""
     owner = segments.segment_id
     sizes = torch.bincount(owner, minlength=len(flip))
     start = sizes.cumsum(0) - sizes
@@ -116,7 +117,7 @@ def _spacing(points: np.ndarray, owner: np.ndarray) -> float:
 
 
 def _away_from_head(segments: LineSegments, head: Mesh, config: GrowthConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors away from the head, and how strongly they pull."""
+    """Unit vectors away from the head, and the strength of their pull."""
     size = float((head.vertices.amax(0) - head.vertices.amin(0)).norm())
     found = signed_distance(segments.points.float(), head)
     strength = config.scalp * torch.exp(-found.distance.abs() / (config.scalp_reach * size))
@@ -126,7 +127,7 @@ def _away_from_head(segments: LineSegments, head: Mesh, config: GrowthConfig) ->
 def _near_stroke(
     points: np.ndarray, stroke: np.ndarray, config: GrowthConfig, spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Direction of the nearest piece of a stroke, and how strongly it pulls."""
+    """Direction of the nearest piece of a stroke, and the strength of its pull."""
     steps = np.linalg.norm(np.diff(stroke, axis=0), axis=-1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     fine = np.linspace(0.0, arc[-1], max(2, math.ceil(arc[-1] / spacing) + 1))
@@ -141,7 +142,7 @@ def _near_stroke(
 def _couplings(
     points: np.ndarray, lines: np.ndarray, owner: np.ndarray, spacing: float, config: GrowthConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of segments and how much they want the same (positive) or the opposite sign."""
+    """Pairs of segments and the weight of their having the same (positive) or the opposite sign."""
     reach = config.reach * spacing
     tree = KDTree(points)
     chosen = np.arange(0, len(points), 2)

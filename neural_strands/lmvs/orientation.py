@@ -1,8 +1,8 @@
-"""2D orientation of hair in an image: an oriented filter bank and how sure it is (after Paris et al. 2008).
+"""2D orientation of hair in an image and its confidence, by an oriented filter bank (after Paris et al. 2008).
 
 Angles are in [0, pi), from the image's x axis towards its y axis (down). The response at an angle is the energy of a
-quadrature pair of Gabor filters, averaged over a small window: strands here are thinner than a pixel, so what the
-filters see is streaks of any phase, and the even filter alone loses half of them.
+quadrature pair of Gabor filters, averaged over a small window: strands here are thinner than a pixel, so the filters
+see streaks of any phase, and the even filter alone would lose half of them.
 """
 
 import functools
@@ -78,7 +78,7 @@ def orientation_map(brightness: Float[Tensor, "height width"], config: Orientati
 
 
 def gaussian_blur(image: Float[Tensor, "*batch height width"], sigma: float) -> Float[Tensor, "*batch height width"]:
-    """Blur with a Gaussian of standard deviation `sigma` pixels, the border repeated."""
+    """Blur with a Gaussian of standard deviation `sigma` pixels, repeating the border."""
     radius = math.ceil(3 * sigma)
     if radius == 0:
         return image
@@ -88,7 +88,7 @@ def gaussian_blur(image: Float[Tensor, "*batch height width"], sigma: float) -> 
     height, width = image.shape[-2:]
     flat = image.reshape(-1, 1, height, width)
     padded = torch.nn.functional.pad(flat, (radius, radius, radius, radius), mode="replicate")
-    # Sums of shifted images: a CPU's convolution of one channel is several times slower.
+    # Sums of shifted images, because the CPU convolution of one channel is several times slower.
     rows = padded[..., :width] * weights[0]
     for shift, weight in enumerate(weights[1:], start=1):
         rows.add_(padded[..., shift : shift + width], alpha=weight)

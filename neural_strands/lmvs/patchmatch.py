@@ -1,7 +1,7 @@
 """Line PatchMatch: a depth and a 3D direction for every hair pixel of a view (Nam et al. 2019, section 4).
 
-Each pixel's hypothesis is a 3D line through a point on its ray. It starts from a sweep of depths in which the direction
-is the one that the views' 2D orientations agree on, then takes over neighbours' lines and perturbs its own, in red and
+Each pixel's hypothesis is a 3D line through a point on its ray. It starts from a sweep of depths, with the direction on
+which the 2D orientations of the views agree. It then adopts the lines of neighbours and perturbs its own, in red and
 black half sweeps, coarse to fine. A line is compared between views along itself and a few pixels to both sides.
 """
 
@@ -24,7 +24,7 @@ from neural_strands.lmvs.search_range import Bounds
 CROSS = ((0, -1), (0, 1), (-1, 0), (1, 0))
 """Red-black neighbours of a pixel, in steps of the level."""
 KNIGHT = ((0, -3), (0, 3), (-3, 0), (3, 0))
-"""Further ones, of the other colour as well."""
+"""Further neighbours, also of the other colour."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Level:
     """One step from coarse to fine."""
 
     stride: int
-    """Every how many-th pixel in x and y is solved."""
+    """Spacing of the pixels that are solved, in x and y."""
     sweeps: int
     """Red and black sweeps."""
     trials: int
-    """Perturbations a pixel and sweep."""
+    """Perturbations per pixel and sweep."""
     along: int
     """Samples to each side along the line."""
     across: int
@@ -49,7 +49,7 @@ class Level:
     """Largest perturbation of the direction, on the unit sphere."""
 
     def __post_init__(self) -> None:
-        """Refuse a ribbon that the kernels have no room for."""
+        """Reject a ribbon that is too large for the kernels."""
         samples = (2 * self.along + 1) * (2 * self.across + 1)
         if samples > MOST_SAMPLES:
             raise ValueError(f"a ribbon has at most {MOST_SAMPLES} samples, got {samples}: lessen `along` or `across`")
@@ -69,20 +69,20 @@ class PatchMatchConfig:
     levels: tuple[Level, ...] = LEVELS
     """Coarse to fine."""
     depth_step: float = 3.2
-    """Distance of the depths that the first sweep tries, pixel footprints."""
+    """Spacing of the depths that the first sweep tries, pixel footprints."""
     smooth: float = 1.0
     """Standard deviation over which the first sweep's costs are averaged between pixels, in strides of the first level.
 
-    A single ribbon of sub-pixel hair says little about depth; what a neighbourhood agrees on is the surface of the
-    hair to within a few millimetres."""
+    A single ribbon of sub-pixel hair says little about depth; a neighbourhood agrees on the surface of the hair to
+    within a few millimetres."""
     sink: float = 0.05
-    """Cost of lying as deep behind the hull's surface as the search goes: hair seen through a gap is the rarer case."""
+    """Cost of the largest depth behind the hull's surface; hair seen through a gap is the rarer case."""
     shallow: float = 0.2
     """Share of that depth which costs nothing."""
     intensity: float = 0.5
     """Weight of 1 - NCC against the orientation's cost."""
     best: int = 6
-    """Neighbours, the best ones, that a line's cost is the mean of."""
+    """Number of best neighbours whose mean is the cost of a line."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class LineMap:
 
 @dataclass(frozen=True)
 class _Stack:
-    """Reference and neighbours as the kernels take them."""
+    """Reference and neighbours in the form that kernels take."""
 
     texture: Float[Tensor, "view height width 4"]
     projection: Float[Tensor, "view 4 4"]
@@ -121,7 +121,7 @@ def match_lines(
     config: PatchMatchConfig,
     seed: int,
 ) -> LineMap:
-    """Find the lines of the pixels of a view, given where each one's ray may look (`thickness` metres at most)."""
+    """Find the lines of the pixels of a view, given the search range of each ray (at most `thickness` metres)."""
     views = _stack([reference, *neighbours[:MOST_NEIGHBOURS]])
     ray = reference.camera.rays(pixel.float() + 0.5)
     depth, direction = torch.zeros_like(bounds.near), torch.zeros_like(ray)
@@ -169,7 +169,7 @@ class _Part:
 
 
 def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
-    """What every kernel takes of the views, in this order."""
+    """The inputs of every kernel from the views, in this order."""
     count, level = len(views.texture) - 1, part.level
     patch = Patch()
     patch.along, patch.across, patch.step = level.along, level.across, level.step
@@ -187,7 +187,7 @@ def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
 def _surface(
     views: _Stack, part: _Part, offset: Float[Tensor, " depth"], config: PatchMatchConfig
 ) -> Float[Tensor, " point"]:
-    """Depth of the surface that each pixel's neighbourhood agrees on."""
+    """Depth of the surface on which each pixel's neighbourhood agrees."""
     cost = torch.zeros(len(part.ray), len(offset), device=part.ray.device)
     rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
     limits = [launches.array(part.bounds.near), launches.array(part.bounds.far), launches.array(offset)]
@@ -211,7 +211,7 @@ def _surface(
 def _looked(
     views: _Stack, part: _Part, depth: Float[Tensor, " point"], config: PatchMatchConfig
 ) -> Float[Tensor, "point 3"]:
-    """Directions that the views agree on at these depths."""
+    """Directions on which the views agree at these depths."""
     direction = torch.zeros_like(part.ray)
     outputs = [launches.array(depth), launches.array(direction, wp.vec3)]
     inputs = [launches.array(part.ray, wp.vec3), *_scene(views, part, config), *outputs]
@@ -292,7 +292,7 @@ def _nearest_solved(pixel: Tensor, solved: Tensor, stride: int) -> Int64[Tensor,
 
 
 def _take_over(ray: Tensor, chosen: Tensor, previous: Tensor, source: Tensor, depth: Tensor, direction: Tensor) -> None:
-    """Give each chosen pixel its coarse neighbour's line; those without one get the median depth."""
+    """Give each chosen pixel the line of its coarse neighbour; pixels without one get the median depth."""
     own = ray[chosen]
     with_source = previous[source.clamp(min=0)]
     line, base = direction[with_source], ray[with_source] * depth[with_source, None]
