@@ -1,11 +1,10 @@
-"""What each loss, start and modulation of the strand prior does: variants trained alike, and their errors side by side.
+"""The effect of each loss, start and modulation of the strand prior: errors of variants that are trained alike.
 
     python benchmarks/quality/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 500]
 
-All variants see the same curves (seed) for the same steps: those of the paper's preset (names without a star) change
-one thing in it, those of our default (with a star) one thing there. DATA as in prior_quality.py; of each groom some
-strands are taken. A variant that is finished in OUT is not trained again, one that was stopped goes on. Writes
-OUT/table.txt and OUT/table.json.
+All variants see the same curves (seed) for the same steps: names without a star change one thing in the paper's preset,
+names with a star one thing in our default. DATA is as in prior_quality.py; some strands of each groom are used. A
+variant that is finished in OUT is not trained again; a stopped one continues. Writes OUT/table.txt and OUT/table.json.
 """
 
 import json
@@ -37,13 +36,13 @@ HELD_OUT = 1000
 FINE = 397
 """Points of the held-out curves; every 4th makes the 100 that are encoded, every 12th the 34."""
 CURVATURE = 1e-2
-"""Weight of turns: 20 times the direction's, as the losses of the paper's first author's later work have it."""
+"""Weight of turns: 20 times that of directions, as in later work of the paper's first author."""
 SAMPLES = 2000
 """Samples of N(0, I)."""
 OPTIMISED = 100
 """Strands of each set whose latents are optimised."""
 RATE = 0.05
-"""Of the optimiser of latents."""
+"""Learning rate of the optimiser of latents."""
 
 
 def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
@@ -77,7 +76,7 @@ def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
 
 
 def file_name(name: str) -> str:
-    """A variant's name as a file's."""
+    """The file name of a variant."""
     return "".join(letter if letter.isalnum() else "_" for letter in name.replace("*", " ours"))
 
 
@@ -95,7 +94,7 @@ def trained(name: str, config: TrainPriorConfig, out: Path) -> tuple[StrandPrior
 
 
 def optimised(prior: StrandPrior, data: dict[str, Tensor], steps: int) -> dict[str, dict]:
-    """Errors of what the decoder alone reaches from each strand's encoding."""
+    """Errors that the decoder alone reaches from each strand's encoding."""
     few = {name: some(strands, OPTIMISED) for name, strands in data.items()}
     strands = torch.cat(list(few.values()))
     decoded = prior.decode(refine_latents(prior.generator, prior.encode(strands), strands, steps, RATE))
@@ -128,13 +127,13 @@ def figures(prior: StrandPrior, data: dict[str, Tensor], held_out: Tensor) -> di
 
 
 def turn(strands: Tensor) -> float:
-    """Mean angle from a segment to the next, degrees."""
+    """Mean angle between consecutive segments, degrees."""
     steps = segments(strands)
     return float(torch.rad2deg(angles(steps[:, :-1], steps[:, 1:])).mean())
 
 
 def table(results: dict[str, dict], kind: str) -> str:
-    """Mean point error (mm) and mean direction error (degrees) on each set, a line a variant."""
+    """Mean point error (mm) and mean direction error (degrees) on each set, one line per variant."""
     sets_of = list(next(iter(results.values()))[kind])
     names = [f"{chr(ord('A') + index)}: {name}" for index, name in enumerate(sets_of)]
     wide = max(len(name) for name in results)
@@ -168,7 +167,7 @@ class Arguments:
     optimise: int = 200
     """Steps by which latents are also optimised; 0 for none."""
     strands: int = 500
-    """Most strands that are taken of each groom."""
+    """Largest number of strands used from each groom."""
 
 
 def main(arguments: Arguments) -> None:

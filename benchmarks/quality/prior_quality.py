@@ -26,7 +26,7 @@ from neural_strands.prior_training.groom_strands import local_strands
 
 
 def coils(shortest: float, longest: float, count: int = 2000) -> Tensor:
-    """Coils of 3 to 8 mm radius, 15 to 40 mm pitch, about arcs of given lengths (metres); not those of prior.curves."""
+    """Coils of 3 to 8 mm radius and 15 to 40 mm pitch around arcs (lengths in metres); not those of prior.curves."""
     draw = torch.rand(count, 6, 1, generator=torch.Generator().manual_seed(0))
     t = torch.linspace(0, 1, 3000)[None]
     base = shortest + (longest - shortest) * draw[:, 0]
@@ -41,7 +41,7 @@ def coils(shortest: float, longest: float, count: int = 2000) -> Tensor:
 
 
 def swatch(path: Path) -> Tensor:
-    """The first 8 of about 24 turns of each coil of the swatch (centimetres in the file), its axes as local frame."""
+    """The first 8 of about 24 turns of each coil of the swatch (a file in centimetres), in its own axes."""
     groom = read_groom(path)
     cut = []
     for first, last in zip(groom.offsets[:-1].tolist(), groom.offsets[1:].tolist(), strict=True):
@@ -51,7 +51,7 @@ def swatch(path: Path) -> Tensor:
 
 
 def sets(data: Path | None) -> dict[str, Tensor]:
-    """Everything that is measured, in local frames."""
+    """All sets of strands, in local frames."""
     strands = {"coils, bases 8 to 20 cm": coils(0.08, 0.2), "coils, bases 20 to 35 cm": coils(0.2, 0.35)}
     if data is None:
         return strands
@@ -96,7 +96,7 @@ class Arguments:
     data: Annotated[Path | None, tyro.conf.Positional] = None
     """Folder that holds grooms/; without it only the procedural coils are measured."""
     weights: Path | None = None
-    """Weights of a prior, instead of those that come with the package."""
+    """Weights of a prior, instead of those that ship with the package."""
     optimise: int = 0
     """Steps by which latents are also optimised; 0 for none."""
     curves: int = 20_000

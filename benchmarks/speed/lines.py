@@ -3,7 +3,7 @@
     python benchmarks/speed/lines.py [--device cpu|cuda]
 
 OpenGL (moderngl, EGL, on the CPU Mesa's llvmpipe) draws one-pixel lines with depth test and writes the segment index;
-its time has the drawing and the reading back of the index and depth images, not the upload of the strands.
+its time includes drawing and reading back the index and depth images, but not the upload of the strands.
 """
 
 import resource
@@ -139,7 +139,7 @@ def main(arguments: Arguments) -> None:
     covered = gl.draw().reshape(512, 512) != 0
     both = (drawn.numpy() & covered).sum() / (drawn.numpy() | covered).sum()
     ours, theirs = [], []
-    # In turn, so that both meet the same moods of the machine.
+    # Alternating, so that both see the same load of the machine.
     for _ in range(5):
         ours += timed(lambda: rasterise_lines(points.to(device), camera.to(device)), arguments.repeats // 5, device)
         theirs += timed(gl.draw, arguments.repeats // 5, "cpu")

@@ -2,7 +2,7 @@
 
     python benchmarks/speed/nearest.py
 
-Times the building of the grid and the search, on 2 CPU threads and, where there is one, on CUDA.
+Times the building of the grid and the search, on 2 CPU threads and, if available, on CUDA.
 """
 
 import json
@@ -21,7 +21,7 @@ RADII = (0.002, 0.005, 0.01)
 
 
 def main() -> None:
-    """Print one JSON object a device and radius."""
+    """Print one JSON object per device and radius."""
     generator = torch.Generator().manual_seed(0)
     truth = groom(8000, generator)
     points, queries = truth[:5000].reshape(-1, 3), truth[5000:].reshape(-1, 3)

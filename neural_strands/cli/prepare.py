@@ -28,7 +28,7 @@ class Prepare:
     template: Path | None = None
     """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl; the mannequin if left out."""
     scalp: Path | None = None
-    """The template's scalp: a chart, a list of faces or a painted mask; found if left out."""
+    """The template's scalp: a chart, a list of faces or a painted mask; found from the shape by default."""
     cameras: Path | None = None
     """Known cameras, instead of finding them: a folder with a COLMAP model, or transforms.json."""
     landmarks: Path | None = None

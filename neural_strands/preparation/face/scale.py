@@ -1,4 +1,4 @@
-"""How many metres a unit of the cameras is, from what is known about human faces.
+"""The scale of the cameras in metres, from what is known about human faces.
 
 No single length tells: people's eyes, faces and skulls vary by several per cent. Each cue is a length of the face in
 the cameras' unit, its mean over adults and its relative spread, with the error of the measurement. They are combined in
