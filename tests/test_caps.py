@@ -26,7 +26,7 @@ def functions(path: Path) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
 
 
 def is_kernel(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    """Whether this is a Warp kernel: launched with a list, one entry an array, by the module beside it only."""
+    """Whether this is a Warp kernel, which only the module beside it launches, with a list of one entry per array."""
     return any(ast.unparse(decorator).startswith("wp.kernel") for decorator in node.decorator_list)
 
 

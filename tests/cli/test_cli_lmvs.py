@@ -43,7 +43,7 @@ def test_segments_pictures_and_a_restart_that_computes_no_view_again(ball, tmp_p
     assert stamps(out) == before
     again = load_segments(out / "segments.npz")
     assert torch.equal(again.points, found.points)
-    # A view that was lost is computed anew, to the same bits.
+    # A view that was lost is computed again, to the same bits.
     lost = next((out / "work").glob("lines_0003_*.npz"))
     content = {name: value.copy() for name, value in np.load(lost).items()}
     lost.unlink()

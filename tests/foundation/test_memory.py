@@ -1,4 +1,4 @@
-"""Freed memory stays with the process when it is told to keep it, and goes back when not."""
+"""Freed memory stays with the process after `keep_freed_memory`, and is returned without it."""
 
 import platform
 import subprocess

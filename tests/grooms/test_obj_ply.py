@@ -72,7 +72,7 @@ def test_others_read_our_ply(tmp_path: Path, ragged_groom: Groom):
 
 
 def test_our_obj_by_hand(tmp_path: Path, ragged_groom: Groom):
-    """One line a strand, its indices counted from 1 in order: the format by hand."""
+    """One line per strand, with indices counted from 1 in order: the format written by hand."""
     write_groom(tmp_path / "a.obj", ragged_groom)
     lines = [line.split()[1:] for line in (tmp_path / "a.obj").read_text().splitlines() if line.startswith("l ")]
     assert [len(line) for line in lines] == ragged_groom.sizes.tolist()

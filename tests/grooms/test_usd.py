@@ -34,7 +34,7 @@ def write_curves(path: Path, points: np.ndarray, counts: list[int], **tokens: st
 
 
 def test_written_stage_as_pxr_sees_it(tmp_path: Path, ragged_groom: Groom):
-    """Metres, y up, one connected linear curve a strand, rooted at its first point."""
+    """Metres, y up, one connected linear curve per strand, rooted at its first point."""
     write_groom(tmp_path / "a.usdc", ragged_groom)
     stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0

@@ -1,4 +1,4 @@
-"""Growth direction: hair of known direction, shuffled, comes back root first."""
+"""Growth direction: shuffled hair of known direction is turned root first."""
 
 import torch
 import trimesh

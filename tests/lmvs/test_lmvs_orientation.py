@@ -1,4 +1,4 @@
-"""Orientation is held to gratings and single lines whose angle is known."""
+"""Orientation of gratings and single lines of known angle."""
 
 import math
 

@@ -41,7 +41,7 @@ def test_no_points_have_no_colour(generator):
 
 
 def test_batches_of_points_change_nothing(generator):
-    """More points than one batch, against each point shaded with the few beside it."""
+    """More points than one batch, against each point shaded with only a few others."""
     shading = PointShading(5, ShadingConfig(8), generator).double()
     with torch.no_grad():
         shading.outer.normal_(generator=generator)

@@ -1,4 +1,5 @@
-"""The detector's process: answers read, failures told in one sentence. The real one is tried where it is installed."""
+"""The detector's process: answers are read, failures give one sentence. The real one is tested where it is
+installed."""
 
 import json
 import os

@@ -44,7 +44,7 @@ def test_coils_are_curlier_than_waves_and_waves_than_smooth_hair() -> None:
 
 def test_turns_do_not_exceed_what_the_points_can_show() -> None:
     curves = drawn(smooth=0.0, wavy=0.0, most_turns=5.0)
-    # A round coil of n turns has its strongest frequency at n cycles a strand.
+    # A round coil of n turns has its strongest frequency at n cycles per strand.
     spectrum = torch.fft.rfft(
         segments(curves)[..., 0] - segments(curves)[..., 0].mean(dim=1, keepdim=True), dim=1
     ).abs()

@@ -1,4 +1,4 @@
-"""What the training of the prior refuses to be told."""
+"""Settings that the training of the prior rejects."""
 
 from dataclasses import replace
 

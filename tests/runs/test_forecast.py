@@ -1,4 +1,4 @@
-"""What a fit is foretold to cost, and the steps that fit into given minutes."""
+"""The forecast cost of a fit, and the steps that fit into given minutes."""
 
 import pytest
 

@@ -164,7 +164,7 @@ def _count(func: Any, args: Any) -> None:
 
 
 class _Move(torch.autograd.Function):
-    """A copy to the other device; its gradient comes back."""
+    """A copy to the other device that passes gradients back."""
 
     @staticmethod
     def forward(ctx: Any, tensor: Tensor) -> Tensor:
@@ -311,7 +311,7 @@ def _submit(pool: ThreadPoolExecutor, job: Callable[..., Any], /, *args: Any, **
 
 @contextlib.contextmanager
 def emulated_cuda() -> Iterator[torch.device]:
-    """Everything inside sees a CUDA device; counts of `waits` and `operations` start anew."""
+    """Everything inside sees a CUDA device; the counts of `waits` and `operations` start again."""
     kernels.start_warp()
     waits.clear()
     operations.clear()
