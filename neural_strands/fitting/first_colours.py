@@ -53,8 +53,8 @@ def strand_colours(
     device = strands.points.device
     total, weight = torch.zeros(len(strands), 3, device=device), torch.zeros(len(strands), device=device)
     for target in targets:
-        factor = model.config.supersample
-        visible = visible_points(model.draw(strands, target.camera).lines, strands.points, factor)
+        lines = model.draw(strands, target.camera).lines
+        visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
         sure = visible.weight
         if target.mask is not None:
             sure = sure * target.mask.reshape(-1)[visible.pixel]

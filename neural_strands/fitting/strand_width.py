@@ -48,7 +48,7 @@ def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observa
     def misfit(lines: LineConfig) -> float:
         total = 0.0
         for (_, mask), camera, depth in zip(masked, fine, hidden_by, strict=True):
-            coverage = drawn_share(rasterise_lines(strands.points, camera, depth, lines), factor)
+            coverage = drawn_share(rasterise_lines(strands.points, camera, depth, lines, strands.t), factor)
             total += float((coverage - mask).square().mean())
         return total
 

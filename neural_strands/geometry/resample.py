@@ -1,11 +1,13 @@
 """Resampling of polylines by arc length along a spline through their points."""
 
+from dataclasses import replace
+
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.geometry.spline import fit_splines
-from neural_strands.geometry.strands import segments
+from neural_strands.geometry.strands import Strands, segments
 
 MINIMUM_STEP = 1e-9
 """Chord (metres) added to every segment so that repeated points keep a strictly increasing parameter."""
@@ -48,7 +50,27 @@ def resample_strands(points: Float[Tensor, "strand point 3"], count: int) -> Flo
     if points.shape[1] < 3 or len(points) == 0:
         return resample_polyline_lengths(points, count)
     sizes = torch.full((len(points),), points.shape[1], dtype=torch.int64, device=points.device)
-    return _resample_padded(points, sizes, count)
+    return _resample_padded(points, sizes, count)[0]
+
+
+def resample(strands: Strands, count: int) -> Strands:
+    """Resample strands as `resample_strands` does, with what their points carry; differentiable.
+
+    The parameter t and the width are blended linearly within each segment, without a gradient to the points. The result
+    always holds its t: points that are evenly spaced in t need not be so in arc length.
+
+    Raises:
+        ValueError: fewer than two points in or out.
+    """
+    sizes = torch.full((len(strands),), strands.points_per_strand, dtype=torch.int64, device=strands.points.device)
+    carried = [strands.parameters()] if strands.width is None else [strands.parameters(), strands.width]
+    points, places = _resample_padded(strands.points, sizes, count)
+    whole = places.detach().long().clamp(max=strands.points_per_strand - 2)
+    fraction = places.detach() - whole
+    t, *width = (
+        torch.lerp(value.gather(1, whole), value.gather(1, whole + 1), fraction.to(value)) for value in carried
+    )
+    return replace(strands, points=points, t=t, width=width[0] if width else None)
 
 
 def resample_ragged(
@@ -73,26 +95,32 @@ def resample_ragged(
     for chosen in order.split(BLOCK):
         step = torch.arange(int(sizes[chosen].max()), device=offsets.device)
         index = offsets[chosen, None] + torch.minimum(step, sizes[chosen, None] - 1)
-        parts.append(_resample_padded(vertices[index], sizes[chosen], count))
+        parts.append(_resample_padded(vertices[index], sizes[chosen], count)[0])
     return torch.cat(parts)[torch.argsort(order)]
 
 
 def _resample_padded(
     points: Float[Tensor, "strand point 3"], sizes: Int64[Tensor, " strand"], count: int
-) -> Float[Tensor, "strand {count} 3"]:
-    """Resample the first `sizes` points of each row, a block of rows at a time."""
-    if count < 2 or int(sizes.min()) < 2:
-        raise ValueError(f"resampling needs at least two points, got {int(sizes.min())} in and {count} out")
+) -> tuple[Float[Tensor, "strand {count} 3"], Float[Tensor, "strand {count}"]]:
+    """Resample the first `sizes` points of each row, a block of rows at a time.
+
+    Returns:
+        Points, and where they lie: the number of the segment's first point plus the fraction of the segment.
+    """
+    fewest = int(sizes.min()) if len(sizes) else points.shape[1]
+    if count < 2 or fewest < 2:
+        raise ValueError(f"resampling needs at least two points, got {fewest} in and {count} out")
     parts = [
         _resample_block(block.double(), size, count)
         for block, size in zip(points.split(BLOCK), sizes.split(BLOCK), strict=True)
     ]
-    return torch.cat(parts).to(points.dtype)
+    resampled, places = (torch.cat(part) for part in zip(*parts, strict=True))
+    return resampled.to(points.dtype), places
 
 
 def _resample_block(
     points: Float[Tensor, "strand point 3"], sizes: Int64[Tensor, " strand"], count: int
-) -> Float[Tensor, "strand {count} 3"]:
+) -> tuple[Float[Tensor, "strand {count} 3"], Float[Tensor, "strand {count}"]]:
     """Points on the spline at equal steps of its arc length, which is measured on SUBSTEPS chords per segment."""
     strands, size, _ = points.shape
     splines = fit_splines(points, sizes)
@@ -113,4 +141,4 @@ def _resample_block(
     weight = ((target - left_arc) / (right_arc - left_arc).clamp(min=1e-300)).clamp(0.0, 1.0)
     place = (right - 1 + weight) / SUBSTEPS
     segment = torch.minimum(place.detach().long(), (sizes - 2)[:, None])
-    return splines.evaluate(segment, place - segment)
+    return splines.evaluate(segment, place - segment), place

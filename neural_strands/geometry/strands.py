@@ -19,6 +19,8 @@ class Strands:
         width: full thickness at each point, metres.
         color: linear RGB of each strand in [0, 1].
         unseen: share of each strand's points that no photograph could see, in [0, 1].
+        t: parameter of each point on the strand as it was fitted, 0 at its root and 1 at its tip; a cut or a resampling
+            keeps it, so that what is left looks as before. None: evenly spaced from 0 to 1.
     """
 
     points: Float[Tensor, "strand point 3"]
@@ -27,6 +29,7 @@ class Strands:
     width: Float[Tensor, "strand point"] | None = None
     color: Float[Tensor, "strand 3"] | None = None
     unseen: Float[Tensor, " strand"] | None = None
+    t: Float[Tensor, "strand point"] | None = None
 
     def __len__(self) -> int:
         return self.points.shape[0]
@@ -35,6 +38,13 @@ class Strands:
     def points_per_strand(self) -> int:
         """Number of points of every strand."""
         return self.points.shape[1]
+
+    def parameters(self) -> Float[Tensor, "strand point"]:
+        """The parameter t of every point, whether it is stored or evenly spaced."""
+        if self.t is not None:
+            return self.t
+        even = torch.linspace(0, 1, self.points_per_strand, device=self.points.device)
+        return even.expand(self.points.shape[:2])
 
     def select(self, index: Tensor) -> "Strands":
         """Keep the strands selected by `index` (integers or booleans), with their attributes."""

@@ -87,6 +87,8 @@ def build_groom(
             raise refuse(path, locate(name, bad), f"finite values of {name}", _words(values[bad]))
         if name == "width" and (bad := _first(values < 0)) is not None:
             raise refuse(path, locate(name, bad), "widths of zero or more", f"{values[bad]}")
+        if name == "t" and (bad := _first((values < 0) | (values > 1))) is not None:
+            raise refuse(path, locate(name, bad), "parameters t from 0 to 1", f"{values[bad]}")
         tensors[name] = _tensor(values)
     return Groom(_tensor(vertices), torch.from_numpy(offsets), **tensors)
 

@@ -9,8 +9,10 @@ from torch import Tensor
 from neural_strands.geometry.resample import resample_ragged
 from neural_strands.geometry.strands import Strands
 
-ATTRIBUTES = ("root_uv", "root_normal", "width", "color", "unseen")
+ATTRIBUTES = ("root_uv", "root_normal", "width", "color", "unseen", "t")
 """What a groom may hold beside its points."""
+OF_POINTS = ("width", "t")
+"""Those of them that have a row for each vertex; the others have one for each strand."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Groom:
         width: full thickness at each vertex, in the unit of the vertices.
         color: linear RGB of each strand in [0, 1].
         unseen: share of each strand's points that no photograph could see, in [0, 1].
+        t: parameter of each vertex on the strand as it was fitted (`geometry.strands.Strands.t`).
     """
 
     vertices: Float[Tensor, "vertex 3"]
@@ -37,6 +40,7 @@ class Groom:
     width: Float[Tensor, " vertex"] | None = None
     color: Float[Tensor, "strand 3"] | None = None
     unseen: Float[Tensor, " strand"] | None = None
+    t: Float[Tensor, " vertex"] | None = None
 
     def __post_init__(self) -> None:
         if len(self.offsets) == 0 or int(self.offsets[0]) != 0 or int(self.offsets[-1]) != len(self.vertices):
@@ -44,7 +48,7 @@ class Groom:
         if bool((self.sizes < 2).any()):
             raise ValueError("a strand needs at least two points")
         for name in ATTRIBUTES:
-            value, count = getattr(self, name), len(self.vertices) if name == "width" else len(self)
+            value, count = getattr(self, name), len(self.vertices) if name in OF_POINTS else len(self)
             if value is not None and len(value) != count:
                 raise ValueError(f"{name}: expected {count} rows, got {tuple(value.shape)}")
 
@@ -63,6 +67,7 @@ class Groom:
             width=None if strands.width is None else strands.width.reshape(-1),
             color=strands.color,
             unseen=strands.unseen,
+            t=None if strands.t is None else strands.t.reshape(-1),
         )
 
     @property
@@ -88,7 +93,7 @@ class Groom:
     def strands(self, points: int | None = 100) -> Strands:
         """Return strands of `points` points each, equally spaced in arc length along a spline (geometry.resample).
 
-        Widths are interpolated linearly in arc length. With None the points are kept as they are.
+        Widths and t are interpolated linearly in arc length. With None the points are kept as they are.
 
         Raises:
             ValueError: `points` is None and the strands have different numbers of points.
@@ -97,11 +102,11 @@ class Groom:
             if (size := self.uniform_size) is None:
                 raise ValueError("strands of differing point counts cannot be stacked; say how many points you want")
             positions = self.vertices.reshape(len(self), size, 3)
-            width = None if self.width is None else self.width.reshape(len(self), size)
+            width, t = (None if each is None else each.reshape(len(self), size) for each in (self.width, self.t))
         else:
             positions = resample_ragged(self.vertices, self.offsets, points)
-            width = _resampled_width(self, points)
-        return Strands(positions, self.root_uv, self.root_normal, width, self.color, self.unseen)
+            width, t = (None if each is None else _resampled(self, each, points) for each in (self.width, self.t))
+        return Strands(positions, self.root_uv, self.root_normal, width, self.color, self.unseen, t)
 
     def transformed(self, rotation: Float[Tensor, "3 3"], scale: float) -> "Groom":
         """Rotate (new = rotation @ old), then scale every length."""
@@ -129,10 +134,8 @@ def _arc(groom: Groom) -> Float[Tensor, " vertex"]:
     return total - total[groom.offsets[:-1]].repeat_interleave(groom.sizes)
 
 
-def _resampled_width(groom: Groom, points: int) -> Float[Tensor, "strand {points}"] | None:
-    """Widths at `points` equal steps of arc length; strand k's fractions are searched in [k, k + 1]."""
-    if groom.width is None:
-        return None
+def _resampled(groom: Groom, values: Float[Tensor, " vertex"], points: int) -> Float[Tensor, "strand {points}"]:
+    """Values at `points` equal steps of arc length; strand k's fractions are searched in [k, k + 1]."""
     arc, sizes, last = _arc(groom), groom.sizes, groom.offsets[1:] - 1
     strand = torch.arange(len(groom), device=arc.device, dtype=torch.float64)
     key = arc / arc[last].repeat_interleave(sizes).clamp(min=1e-300) + strand.repeat_interleave(sizes)
@@ -140,5 +143,5 @@ def _resampled_width(groom: Groom, points: int) -> Float[Tensor, "strand {points
     right = torch.searchsorted(key, target)
     right = right.clamp(min=(groom.offsets[:-1] + 1)[:, None], max=last[:, None])
     span = (key[right] - key[right - 1]).clamp(min=1e-15)
-    weight = ((target - key[right - 1]) / span).clamp(0.0, 1.0).to(groom.width.dtype)
-    return groom.width[right - 1] * (1 - weight) + groom.width[right] * weight
+    weight = ((target - key[right - 1]) / span).clamp(0.0, 1.0).to(values.dtype)
+    return values[right - 1] * (1 - weight) + values[right] * weight

@@ -9,7 +9,7 @@ import numpy as np
 
 from neural_strands.foundation.npz import ArraySpec, array_names, read_npz
 from neural_strands.grooms.checks import build_groom, refuse
-from neural_strands.grooms.groom import ATTRIBUTES, Groom
+from neural_strands.grooms.groom import ATTRIBUTES, OF_POINTS, Groom
 
 RAGGED = (ArraySpec("vertices", "vertex 3", finite=False), ArraySpec("offsets", "strand+1", np.int64, kinds="iu"))
 """Strands of any number of points each."""
@@ -21,6 +21,7 @@ EXTRAS = (
     ArraySpec("width", "vertex", required=False, finite=False),
     ArraySpec("color", "strand 3", required=False, finite=False),
     ArraySpec("unseen", "strand", required=False, finite=False),
+    ArraySpec("t", "vertex", required=False, finite=False),
 )
 """Attributes; `build_groom` says which row of which is not finite."""
 
@@ -42,6 +43,9 @@ def read_groom_npz(path: Path) -> Groom:
     if len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != len(vertices) or (offsets[1:] < offsets[:-1]).any():
         expected = f"offsets that rise from 0 to {len(vertices)} vertices"
         raise refuse(path, "array offsets", expected, f"{len(offsets)} others")
+    for name in OF_POINTS:
+        if name in arrays and len(arrays[name]) != len(vertices):
+            raise refuse(path, f"array {name}", f"{len(vertices)} rows, one for each point", str(len(arrays[name])))
 
     def locate(name: str, row: int) -> str:
         """The row of an array; an archive's entry may be compressed, so no byte can be named."""

@@ -175,7 +175,7 @@ class HairModel(nn.Module):
         camera = camera.to(self.root_uv.device)
         fine = camera.resized(camera.width * factor, camera.height * factor)
         body = rasterise_triangles(self.body.vertices, self.body.faces, fine)
-        return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.lines))
+        return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.lines, strands.t))
 
     def render(
         self, strands: Strands, camera: Camera, blur: float = 0.0, volume: HairVolume | None = None
@@ -225,7 +225,7 @@ class HairModel(nn.Module):
         """
         if strands.root_uv is None:
             raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
-        visible = visible_points(lines, strands.points, self.config.supersample)
+        visible = visible_points(lines, strands.points, self.config.supersample, strands.t)
         appearance = interpolate_knots(self.textures.sample_appearance(strands.root_uv, blur), visible)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)

@@ -39,7 +39,7 @@ class LineConfig:
     width: float = 0.0
     """Width of strands, metres; 0 draws them one pixel wide at any distance."""
     tip: float = 0.0
-    """Share of a strand, at its tip, over which it thins to nothing; no effect on lines one pixel wide."""
+    """Share of a strand, at its tip (t = 1), over which it thins to nothing; no effect on lines one pixel wide."""
 
 
 DEFAULT_LINES = LineConfig()
@@ -65,6 +65,7 @@ def rasterise_lines(
     camera: Camera,
     occluder_depth: Float[Tensor, "height width"] | None = None,
     config: LineConfig = DEFAULT_LINES,
+    t: Float[Tensor, "strand point"] | None = None,
 ) -> LineBuffer:
     """Find the nearest strand point of each pixel; the same result on every run.
 
@@ -75,6 +76,7 @@ def rasterise_lines(
         camera: the view; its size is the buffer's.
         occluder_depth: depth of the head and body along the optical axis, metres, infinite where there is none.
         config: near plane, bias and width.
+        t: parameter of every point (`Strands.t`), which strands thin by; None: evenly spaced from 0 to 1.
 
     Raises:
         ValueError: strands have a single point, or the occluder and the camera differ in size.
@@ -86,6 +88,8 @@ def rasterise_lines(
     occluder = torch.zeros(0) if occluder_depth is None else occluder_depth.float().reshape(-1)
     hidden_by = [kernels.array(occluder.to(device)), config.occluder_bias]
     shared = [vertices, projection, config.near, per_strand]
+    parameters = torch.zeros(0, device=device) if t is None else t.detach().float().reshape(-1)
+    taper = [config.width, config.tip, kernels.array(parameters)]
     planes = kernels.zeros((_planes(strands, device), height * width), torch.int64, device)
     batched = device.type == "cpu" and config.width <= 0
     drawing = line_batch_kernel.draw_strands if batched else line_kernels.draw_lines
@@ -93,7 +97,7 @@ def rasterise_lines(
         kernels.load(kernel, device)
     if planes.numel():
         kernels.run_together(
-            [functools.partial(_draw, k, planes, strands, hidden_by, shared, width, config) for k in range(len(planes))]
+            [functools.partial(_draw, k, planes, strands, hidden_by, shared, taper, width) for k in range(len(planes))]
         )
     segment, position, depth = (
         kernels.zeros((height, width), dtype, device) for dtype in (torch.int64, torch.float32, torch.float32)
@@ -123,20 +127,20 @@ def _draw(
     strands: int,
     hidden_by: list,
     shared: list,
+    taper: list,
     width: int,
-    config: LineConfig,
 ) -> None:
     """Draw one share of the strands into its own plane of keys."""
     device, pixels, per_strand = planes.device, planes.shape[1], shared[-1]
     keys, size = kernels.array(planes[share]), [width, pixels // width]
     kernels.launch(key_kernels.start_keys, pixels, [*hidden_by, keys], device)
     first, last = (strands * end // len(planes) for end in (share, share + 1))
-    if device.type == "cpu" and config.width <= 0:
+    if device.type == "cpu" and taper[0] <= 0:
         kernels.launch(line_batch_kernel.draw_strands, last - first, [first, *shared, *size, keys], device)
         return
     run = per_strand - 1 if device.type == "cpu" else SEGMENTS_PER_THREAD
     runs = -(-(per_strand - 1) // run)
-    inputs = [first * runs, *shared[:-1], config.width, config.tip, per_strand, runs, run, *size, keys]
+    inputs = [first * runs, *shared[:-1], *taper, per_strand, runs, run, *size, keys]
     kernels.launch(line_kernels.draw_lines, (last - first) * runs, inputs, device)
 
 

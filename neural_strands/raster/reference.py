@@ -55,6 +55,7 @@ def rasterise_lines_reference(
     camera: Camera,
     occluder_depth: Float[Tensor, "height width"] | None = None,
     config: LineConfig = DEFAULT_LINES,
+    t: Float[Tensor, "strand point"] | None = None,
 ) -> LineBuffer:
     """Twin of `lines.rasterise_lines`: list every pixel of every segment, then keep the nearest."""
     height, width = camera.height, camera.width
@@ -74,7 +75,8 @@ def rasterise_lines_reference(
     crossing = torch.lerp(screen[index, 0], screen[index, 1], fraction[:, None])
     along_x = _along_x(screen)[index]
     minor = torch.where(along_x, crossing[:, 1], crossing[:, 0])
-    listed, minor = _pixels_across(minor, _half_widths(screen, index, fraction, points.shape[1], camera, config))
+    even = torch.linspace(0, 1, points.shape[1], device=points.device).expand(points.shape[:2])
+    listed, minor = _pixels_across(minor, _half_widths(screen, index, fraction, even if t is None else t, camera, config))
     index, major, along_x, crossing = index[listed], major[listed], along_x[listed], crossing[listed]
     inside = (minor >= 0) & (minor < torch.where(along_x, height, width))
     row = torch.where(along_x, minor, major)[inside]
@@ -126,7 +128,7 @@ def _half_widths(
     screen: Float[Tensor, "segment 2 3"],
     index: Int64[Tensor, " n"],
     fraction: Float[Tensor, " n"],
-    points: int,
+    t: Float[Tensor, "strand point"],
     camera: Camera,
     config: LineConfig,
 ) -> Float[Tensor, " n"]:
@@ -136,9 +138,8 @@ def _half_widths(
     step = (screen[index, 1, :2] - screen[index, 0, :2]).abs()
     stretch = step.norm(dim=1) / step.amax(dim=1)
     focal = (camera.intrinsics[0, 0] * camera.intrinsics[1, 1]).sqrt()
-    vertex = index % (points - 1)
-    ends = torch.stack([vertex, vertex + 1], dim=1)
-    tip = (1 - ends / (points - 1)) / config.tip if config.tip > 0 else torch.ones_like(ends)
+    ends = torch.stack([t[:, :-1].flatten(), t[:, 1:].flatten()], dim=1)[index]
+    tip = (1 - ends) / config.tip if config.tip > 0 else torch.ones_like(ends)
     half = 0.5 * config.width * focal * screen[index, :, 2] * tip.clamp(max=1.0)
     return torch.lerp(half[:, 0], half[:, 1], fraction) * stretch
 

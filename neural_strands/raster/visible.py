@@ -25,7 +25,7 @@ class VisiblePoints:
         strand: which strand.
         vertex: which point of the strand the segment starts at.
         position: where on the segment, in [0, 1].
-        t: where on the strand, 0 at the root and 1 at the tip.
+        t: where on the strand as it was fitted, 0 at the root and 1 at the tip.
         weight: how many line pixels see the point.
         world: world metres; its gradient goes to both ends of the segment.
     """
@@ -43,13 +43,19 @@ class VisiblePoints:
         return self.pixel.shape[0]
 
 
-def visible_points(buffer: LineBuffer, points: Float[Tensor, "strand point 3"], factor: int = 1) -> VisiblePoints:
+def visible_points(
+    buffer: LineBuffer,
+    points: Float[Tensor, "strand point 3"],
+    factor: int = 1,
+    t: Float[Tensor, "strand point"] | None = None,
+) -> VisiblePoints:
     """Lift what pixels see of the strands that the buffer was drawn from to points on them.
 
     Args:
         buffer: line pixels, `factor` to an image pixel along each axis.
         points: the strands, world metres.
         factor: line pixels of one image pixel that see the same part of a strand become one point, in their middle.
+        t: parameter of every point (`Strands.t`), blended at a visible point between both ends; None: evenly spaced.
 
     Raises:
         ValueError: a buffer whose sides are no multiples of the factor.
@@ -58,9 +64,12 @@ def visible_points(buffer: LineBuffer, points: Float[Tensor, "strand point 3"], 
     pixel, segment, position, weight = _parts(buffer, per_strand - 1, factor)
     strand = torch.div(segment, per_strand - 1, rounding_mode="floor")
     vertex = segment - strand * (per_strand - 1)
-    t = (vertex + position) / (per_strand - 1)
+    if t is None:
+        at = (vertex + position) / (per_strand - 1)
+    else:
+        at = _blend_ends(t.float()[..., None], segment + strand, position)[:, 0]
     world = _blend_ends(points, segment + strand, position)
-    return VisiblePoints(pixel, segment, strand, vertex, position, t, weight, world)
+    return VisiblePoints(pixel, segment, strand, vertex, position, at, weight, world)
 
 
 def interpolate_visible(

@@ -1,5 +1,6 @@
 """What a fit leaves behind: the model, the groom for other programs, a preview."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -30,13 +31,8 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
         InputError: the folder cannot be written.
     """
     strands = model.decode()
-    coloured = Strands(
-        strands.points.cpu(),
-        root_uv=model.root_uv.cpu(),
-        root_normal=model.root_frame[:, :, 2].cpu(),
-        width=strand_widths(model, strands).cpu(),
-        color=groom_colours(model, strands, data).cpu(),
-    )
+    width, color = strand_widths(model, strands), groom_colours(model, strands, data)
+    coloured = replace(strands, width=width, color=color).to("cpu")
     save_hair_model(model, folder.model, notes)
     for path in (folder.groom, folder.groom_arrays):
         write_groom(path, Groom.from_strands(coloured))
@@ -45,11 +41,9 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
 
 def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand point"]:
     """Thickness of every point, metres: as the model draws strands, so that the groom covers what the pictures show."""
-    count = strands.points.shape[1]
-    along = torch.linspace(0, 1, count, device=strands.points.device)
+    along = strands.parameters()
     tip = torch.ones_like(along) if model.lines.tip <= 0 else ((1 - along) / model.lines.tip).clamp(max=1.0)
-    width = model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)
-    return width.expand(strands.points.shape[:2])
+    return model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)
 
 
 @torch.no_grad()

@@ -9,8 +9,9 @@ import torch
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
-from neural_strands.geometry.resample import resample_polyline_lengths, resample_ragged, resample_strands
+from neural_strands.geometry.resample import resample, resample_polyline_lengths, resample_ragged, resample_strands
 from neural_strands.geometry.spline import fit_splines
+from neural_strands.geometry.strands import Strands
 
 
 def helix(angle: Tensor, radius: float = 0.01, rise: float = 0.002) -> Tensor:
@@ -135,3 +136,42 @@ def test_ten_thousand_strands_are_quick(generator: torch.Generator):
         resample_strands(points, 100)
         times.append(time.process_time() - start)
     assert min(times) < 5.0
+
+
+@pytest.mark.parametrize("count", [2, 7, 40])
+def test_what_points_carry_is_resampled_with_them(count: int):
+    """On uneven straight strands the arc length is known, and numpy interpolates t and width over it."""
+    along = torch.tensor([[0.0, 0.1, 0.15, 0.9, 1.0], [0.0, 0.4, 0.5, 1.4, 2.0]], dtype=torch.float64)
+    points = along[..., None] * torch.tensor([2.0, -1.0, 2.0], dtype=torch.float64) / 3
+    t = torch.tensor([[0.0, 0.1, 0.2, 0.3, 0.6], [0.2, 0.3, 0.5, 0.9, 1.0]], dtype=torch.float64)
+    width = torch.rand(2, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    uv = torch.rand(2, 2)
+    found = resample(Strands(points, root_uv=uv, width=width, t=t), count)
+    assert torch.equal(found.points, resample_strands(points, count))
+    assert found.root_uv is uv
+    for value, at_points in ((found.t, t), (found.width, width)):
+        assert value is not None
+        for k in range(2):
+            target = np.linspace(0, float(along[k, -1]), count)
+            expected = np.interp(target, along[k].numpy(), at_points[k].numpy())
+            np.testing.assert_allclose(value[k].numpy(), expected, atol=1e-6)
+
+
+def test_even_parameters_are_stored_where_points_are_not_even():
+    along = torch.tensor([0.0, 0.04, 0.2, 1.0])
+    found = resample(Strands(along[None, :, None] * torch.ones(3)), 5)
+    assert found.width is None
+    assert found.t is not None
+    expected = np.interp(np.linspace(0, 1, 5), along.numpy(), np.linspace(0, 1, 4))
+    np.testing.assert_allclose(found.t[0].numpy(), expected, atol=1e-5)
+    assert len(resample(Strands(torch.zeros(0, 4, 3)), 5)) == 0
+
+
+def test_a_gradient_goes_to_the_points_but_not_through_t(generator: torch.Generator):
+    points = torch.randn(3, 6, 3, generator=generator).cumsum(dim=1).requires_grad_()
+    found = resample(Strands(points), 9)
+    assert found.t is not None
+    assert not found.t.requires_grad
+    found.points.sum().backward()
+    assert points.grad is not None
+    assert points.grad.abs().sum() > 0

@@ -26,6 +26,7 @@ def test_select_keeps_attributes_together():
         root_uv=torch.tensor([[0.1, 0.2], [0.3, 0.4]]),
         width=torch.tensor([[1.0, 2, 3], [4, 5, 6]]),
         unseen=torch.tensor([0.0, 0.25]),
+        t=torch.tensor([[0.0, 0.2, 0.4], [0.0, 0.5, 1.0]]),
     )
     for index in (torch.tensor([1]), torch.tensor([False, True])):
         kept = strands.select(index)
@@ -38,11 +39,23 @@ def test_select_keeps_attributes_together():
         assert torch.equal(kept.width, torch.tensor([[4.0, 5, 6]]))
         assert kept.unseen is not None
         assert kept.unseen.tolist() == [0.25]
+        assert kept.t is not None
+        assert torch.equal(kept.t, torch.tensor([[0.0, 0.5, 1.0]]))
         assert kept.color is None
 
 
+def test_parameters_are_evenly_spaced_unless_they_are_stored():
+    assert torch.equal(Strands(CORNER).parameters(), torch.tensor([[0.0, 0.5, 1.0], [0.0, 0.5, 1.0]]))
+    stored = torch.tensor([[0.0, 0.2, 0.4], [0.3, 0.5, 1.0]])
+    assert torch.equal(Strands(CORNER, t=stored).parameters(), stored)
+
+
 def test_to_device(device: torch.device):
-    assert Strands(CORNER).to(device).points.device.type == device.type
+    moved = Strands(CORNER, t=CORNER[..., 0]).to(device)
+    assert moved.points.device.type == device.type
+    assert moved.t is not None
+    assert moved.t.device.type == device.type
+    assert moved.width is None
 
 
 def test_selected_segments_are_renumbered_without_gaps():

@@ -19,4 +19,5 @@ def make_groom(sizes: list[int], seed: int = 0) -> Groom:
         width=width.repeat_interleave(counts),
         color=torch.rand(strands, 3, generator=generator),
         unseen=torch.rand(strands, generator=generator),
+        t=torch.cat([0.7 * torch.linspace(0, 1, size) for size in sizes]),
     )

@@ -1,5 +1,7 @@
 """grooms.groom, the ragged struct: lengths, resampling, transforms."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -27,6 +29,16 @@ def test_strands_are_equally_spaced_and_widths_follow():
     torch.testing.assert_close(strands.points[..., 1], expected, atol=2e-3, rtol=0)
     assert strands.width is not None
     torch.testing.assert_close(strands.width, expected, atol=2e-3, rtol=0)
+    assert strands.t is None
+
+
+def test_the_parameters_of_a_cut_groom_follow_its_points():
+    """Points at squares of even steps, t in proportion to the arc length up to 0.6: even points have an even t."""
+    groom = straight([5, 9, 30])
+    groom = replace(groom, t=0.6 * groom.vertices[:, 1])
+    t = groom.strands(11).t
+    assert t is not None
+    torch.testing.assert_close(t, torch.linspace(0, 0.6, 11).expand(3, 11), atol=2e-3, rtol=0)
 
 
 def test_from_strands_and_back_keeps_everything(uniform_groom: Groom):

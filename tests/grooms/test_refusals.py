@@ -154,3 +154,14 @@ def test_npz_pickle_is_not_opened(tmp_path: Path):
     np.savez(path, vertices=np.array([{}], dtype=object), offsets=np.array([0, 1]))
     with pytest.raises(InputError, match="plain numbers"):
         read_groom(path)
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.5])
+def test_parameters_outside_a_strand_are_refused(value: float, tmp_path: Path, uniform_groom: Groom):
+    path = tmp_path / "a.npz"
+    arrays = {"vertices": uniform_groom.vertices.numpy(), "offsets": uniform_groom.offsets.numpy()}
+    t = np.linspace(0, 1, 30, dtype=np.float32)
+    t[7] = value
+    np.savez(path, **arrays, t=t)
+    with pytest.raises(InputError, match=r"row 7: expected parameters t from 0 to 1"):
+        read_groom(path)

@@ -63,6 +63,30 @@ def test_wide_strands_agree_with_the_twin(generator, device, width, tip):
     same_buffers(found, expected)
 
 
+@pytest.mark.parametrize(("width", "tip"), [(0.012, 0.4), (0.04, 1.0)])
+def test_strands_thin_by_their_stored_t_as_the_twin_says(generator, device, width, tip):
+    camera = Camera.look_at(torch.tensor([0.05, 0.02, 0.8]), torch.zeros(3), 150.0, (160, 120)).to(device)
+    points, config = wavy(generator, 60).to(device), LineConfig(width=width, tip=tip)
+    t = torch.rand(60, 12, generator=generator).sort(dim=1).values.to(device)
+    found = rasterise_lines(points, camera, config=config, t=t)
+    same_buffers(found, rasterise_lines_reference(points, camera, config=config, t=t))
+    even = torch.linspace(0, 1, 12).expand(60, 12).to(device)
+    evenly = rasterise_lines(points, camera, config=config)
+    same_buffers(rasterise_lines(points, camera, config=config, t=even), evenly)
+    assert (found.segment != evenly.segment).float().mean() > 0.02
+
+
+def test_a_cut_strand_is_not_thinned_at_its_cut(camera):
+    """The half nearer the root, cut from a strand that thins over its farther half, is as wide as its root all along;
+    where t = 1 nothing is left of it."""
+    config = LineConfig(width=0.06, tip=0.5)
+    strand = at_pixels(camera, [[10.0, 4.0 + 2 * k] for k in range(9)], [1.0] * 9)
+    cut = torch.linspace(0, 0.5, 9)[None]
+    rows = (rasterise_lines(strand, camera, config=config, t=cut).segment >= 0).sum(dim=1)
+    assert rows[4:20].tolist() == [6] * 16
+    assert (rasterise_lines(strand, camera, config=config, t=torch.ones(1, 9)).segment < 0).all()
+
+
 @pytest.mark.parametrize("width", [0.3, 1.0, 2.6])
 @pytest.mark.parametrize("slope", [0.0, 0.7, -1.9])
 def test_a_strand_covers_its_area(camera, width, slope):
@@ -211,11 +235,12 @@ def test_batches_draw_the_same_keys_as_segments(generator, distance):
     points[4, 20] = torch.inf
     cpu = torch.device("cpu")
     keys = [empty_keys(150, 200, cpu) for _ in range(2)]
+    no_t = kernels.array(torch.zeros(0))
     matrix = projection_matrix(camera, cpu)
     drawn = [kernels.array(points.view(-1, 3), wp.vec3), kernels.array(matrix[None], wp.mat44)]
     size = [200, 150]
     kernels.launch(
-        draw_lines, 200, [0, *drawn, 0.01, 0.0, 0.0, 150, 1, 149, *size, kernels.array(keys[0].view(-1))], "cpu"
+        draw_lines, 200, [0, *drawn, 0.01, 0.0, 0.0, no_t, 150, 1, 149, *size, kernels.array(keys[0].view(-1))], "cpu"
     )
     kernels.launch(draw_strands, 200, [0, *drawn, 0.01, 150, *size, kernels.array(keys[1].view(-1))], "cpu")
     assert (key_index(keys[0]) >= 0).sum() > 500

@@ -43,6 +43,23 @@ def test_points_blend_the_ends_of_their_segments(generator, camera):
         assert float(visible.t[k]) == pytest.approx((vertex + a) / 9, abs=1e-6)
 
 
+@pytest.mark.parametrize("factor", [1, 2])
+def test_a_stored_t_is_blended_between_the_ends(generator, camera, factor):
+    points, fine = wavy(generator), camera.resized(SIZE[0] * factor, SIZE[1] * factor)
+    buffer = rasterise_lines(points, fine)
+    t = torch.rand(60, 10, generator=generator).sort(dim=1).values
+    visible = visible_points(buffer, points, factor, t)
+    assert len(visible) > 100
+    for k in range(0, len(visible), 23):
+        row, a = t[int(visible.strand[k])], float(visible.position[k])
+        vertex = int(visible.vertex[k])
+        assert float(visible.t[k]) == pytest.approx((1 - a) * float(row[vertex]) + a * float(row[vertex + 1]), abs=1e-6)
+    even = torch.linspace(0, 1, 10).expand(60, 10)
+    torch.testing.assert_close(
+        visible_points(buffer, points, factor, even).t, visible_points(buffer, points, factor).t, rtol=0, atol=1e-6
+    )
+
+
 @pytest.mark.parametrize("factor", [2, 3, 4])
 def test_line_pixels_of_an_image_pixel_are_gathered(generator, device, factor):
     """Against sets: a part of two segments in a pixel is one point, in the middle of the line pixels that see it."""

@@ -141,10 +141,19 @@ def focal_length(projection: wp.mat44) -> float:
 @wp.func
 @no_type_check
 def tapered(tip: float, along: float) -> float:
-    """Remaining share of a strand's width (`LineConfig.tip`) at a position from 0 at the root to 1 at the tip."""
+    """Remaining share of a strand's width (`LineConfig.tip`) where its parameter, 0 at the root, is `along`."""
     if tip <= 0.0:
         return 1.0
     return wp.min((1.0 - along) / tip, 1.0)
+
+
+@wp.func
+@no_type_check
+def parameter_at(parameters: wp.array[float], strand: int, k: int, points_per_strand: int) -> float:
+    """Parameter t of a strand's k-th point: the stored one, or evenly spaced where none are stored."""
+    if parameters.shape[0] > 0:
+        return parameters[strand * points_per_strand + k]
+    return float(k) / float(points_per_strand - 1)
 
 
 @wp.func
@@ -204,6 +213,7 @@ def draw_lines(
     near: float,
     strand_width: float,
     tip: float,
+    parameters: wp.array[float],
     points_per_strand: int,
     runs_per_strand: int,
     segments_per_run: int,
@@ -226,10 +236,12 @@ def draw_lines(
         b_screen = to_screen(b)
         index = strand * (points_per_strand - 1) + k
         radii = wp.vec2(
-            radius * tapered(tip, float(k) / float(points_per_strand - 1)),
-            radius * tapered(tip, float(k + 1) / float(points_per_strand - 1)),
+            radius * tapered(tip, parameter_at(parameters, strand, k, points_per_strand)),
+            radius * tapered(tip, parameter_at(parameters, strand, k + 1, points_per_strand)),
         )
-        draw_in_front(a, b, a_screen, b_screen, near, radii, index, wp.vec2i(width, height), keys)
+        # No width left is nothing to draw; no width asked for is a line one pixel wide.
+        if radius <= 0.0 or radii[0] > 0.0 or radii[1] > 0.0:
+            draw_in_front(a, b, a_screen, b_screen, near, radii, index, wp.vec2i(width, height), keys)
         a = b
         a_screen = b_screen
 
