@@ -35,6 +35,7 @@ from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.shading import ShadingConfig
 from neural_strands.model.unet import UNetConfig
@@ -188,7 +189,8 @@ def main(arguments: Arguments) -> None:
     def report(state: FitState, figures: dict[str, float]) -> None:
         if state.step % arguments.report_every == 0:
             with torch.no_grad():
-                now = [scores(model.render(strands, target.camera).rgb, target, lpips) for target in held[1::3]]
+                renderer = HairRenderer.of(model, strands)
+                now = [scores(renderer.render(target.camera).rgb, target, lpips) for target in held[1::3]]
             elapsed = (time.perf_counter() - begin) / 60
             loss = sum(figures[name] for name in ("render", "perceptual", "alpha"))
             sys.stderr.write(f"step {state.step}, {elapsed:.1f} min: loss {loss:.4f}, held out {summary(now)}\n")
@@ -202,8 +204,9 @@ def main(arguments: Arguments) -> None:
     save_hair_model(model, arguments.out / "model", {"benchmark": "appearance"})
     with torch.no_grad():
         colours = known_colours(model, strands, train)
+        renderer = HairRenderer.of(model, strands)
         for target in held:
-            output = model.render(strands, target.camera)
+            output = renderer.render(target.camera)
             pictures = {
                 "model": output.rgb,
                 "strand_colour": one_colour_a_strand(model, strands, colours, target.camera, output.behind_rgb),
@@ -214,7 +217,7 @@ def main(arguments: Arguments) -> None:
             row = torch.cat([pictures["model"], target.image, pictures["strand_colour"], pictures["warp"]], dim=1)
             pixels = row.clamp(0, 1).mul(255).round().byte().numpy()[..., ::-1]
             cv2.imwrite(str(arguments.out / f"{Path(target.camera.name).stem}.png"), pixels)
-        trained = [scores(model.render(strands, target.camera).rgb, target, lpips) for target in train[::5]]
+        trained = [scores(renderer.render(target.camera).rgb, target, lpips) for target in train[::5]]
     figures = {
         "capture": capture.folder.name,
         "views": {"train": len(train), "held_out": len(held)},

@@ -22,9 +22,9 @@ from torch.nn import functional as F
 
 from neural_strands.capture.capture import Capture
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.strands import Strands
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.hair_model import HairModel, RenderOutput
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.turntable import turntable_cameras
 
 SAME_DEPTH = 0.002
@@ -87,16 +87,16 @@ def detail(image: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     return F.conv2d(luma, kernel, padding=1)[0, 0][inside].square()
 
 
-def turn(model: HairModel, strands: Strands, arguments: Arguments, start: float) -> tuple[torch.Tensor, torch.Tensor]:
+def turn(renderer: HairRenderer, arguments: Arguments, start: float) -> tuple[torch.Tensor, torch.Tensor]:
     """Squared changes and squared detail over one turn."""
     whole = round(360 / arguments.step)
     first = round(start / arguments.step)
-    cameras = turntable_cameras(strands.points, whole, (arguments.size, arguments.size))
+    cameras = turntable_cameras(renderer.strands.points, whole, (arguments.size, arguments.size))
     cameras = (cameras * 2)[first : first + arguments.frames]
-    frames = [(camera, model.render(strands, camera)) for camera in cameras]
+    frames = [(camera, renderer.render(camera)) for camera in cameras]
     squares, contrast = [], []
     for before, after in itertools.pairwise(frames):
-        square, same = changes(model, before, after)
+        square, same = changes(renderer.model, before, after)
         squares.append(square.mean(dim=1))
         contrast.append(detail(before[1].rgb, same))
     return torch.cat(squares), torch.cat(contrast)
@@ -108,13 +108,14 @@ def main(arguments: Arguments) -> None:
     for folder in arguments.models:
         model = load_hair_model(folder)
         with torch.no_grad():
-            strands = model.decode()
+            strands = None
             if arguments.capture is not None:
                 truth = Capture.load(arguments.capture).ground_truth
                 if truth is None:
                     sys.exit(f"{arguments.capture}: expected ground_truth.npz")
                 strands = replace(truth, root_uv=model.root_uv)
-            parts = [turn(model, strands, arguments, start) for start in arguments.starts]
+            renderer = HairRenderer.of(model, strands)
+            parts = [turn(renderer, arguments, start) for start in arguments.starts]
         squares, contrast = (torch.cat(column) for column in zip(*parts, strict=True))
         flicker, fine = (255 * math.sqrt(float(values.mean())) for values in (squares, contrast))
         figures[str(folder)] = {

@@ -22,7 +22,6 @@ from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit, step_generator
 from neural_strands.fitting.fit_data import FitData, gather_fit_data, random_region
-from neural_strands.fitting.geometry_step import decode_some
 from neural_strands.fitting.losses import coverage_loss, head_penalty, surface_loss
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.line_segments import LineSegments
@@ -68,7 +67,7 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
     random = step_generator(config, 0, 0)
     index = torch.randperm(len(state.remembered), generator=random)[: config.strands_per_step].to(device)
     chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
-    strands = decode_some(model, index, config.step_points, 0.0, 1.0).detach()
+    strands = model.decode(config.step_points, index=index).points.detach()
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     others = state.remembered[config.strands_per_step :].reshape(-1, 3)
     target, _ = random_region(
@@ -79,7 +78,7 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
 
     def decode_backward() -> None:
         model.zero_grad()
-        decode_some(model, index, config.step_points, 0.0, 1.0).sum().backward()
+        model.decode(config.step_points, index=index).points.sum().backward()
 
     def render_backward() -> None:
         model.zero_grad()

@@ -24,6 +24,7 @@ from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.hair_volume import hair_volume
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
@@ -102,11 +103,11 @@ def hair_model(strands: int, arguments: Arguments, device: torch.device) -> Hair
 def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]:
     """Milliseconds of each stage and of whole frames."""
     device, factor = model.root_uv.device, model.config.supersample
-    strands = model.decode()
+    renderer = HairRenderer.of(model)
+    strands, volume = renderer.strands, renderer.volume
     fine = camera.resized(camera.width * factor, camera.height * factor)
     body = model.body(fine)
     lines = rasterise_lines(strands.points, fine, body.depth, model.lines)
-    volume = hair_volume(strands.points)
     maps = model.splat_descriptors(strands, lines, camera, volume=volume)
     stages = {
         "decode": model.decode,
@@ -115,8 +116,8 @@ def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]
         "volume": lambda: hair_volume(strands.points),
         "splat": lambda: model.splat_descriptors(strands, lines, camera, volume=volume),
         "unet": lambda: model.generate(maps, camera),
-        "static_frame": lambda: model.render(strands, camera, volume=volume),
-        "dynamic_frame": lambda: model(camera),
+        "static_frame": lambda: renderer.render(camera),
+        "dynamic_frame": lambda: HairRenderer.of(model).render(camera),
     }
     return {name: round(1e3 * time_function(run, device, runs, 2).fastest, 2) for name, run in stages.items()}
 

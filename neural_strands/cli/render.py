@@ -60,18 +60,17 @@ class Render:
         import torch
 
         from neural_strands.model.files import load_hair_model
-        from neural_strands.model.hair_volume import hair_volume
+        from neural_strands.model.renderer import HairRenderer
 
         self._check()
         model = load_hair_model(self.model, pick_device(self.device)).eval()
         begin = time.perf_counter()
         with torch.inference_mode():
-            strands = model.decode(self.points)
-            volume = hair_volume(strands.points)
-            cameras = self._cameras(strands)
+            renderer = HairRenderer.of(model, model.decode(self.points))
+            cameras = self._cameras(renderer.strands)
             with self._writer(cameras[0]) as write:
                 for camera in track(cameras, "rendering"):
-                    write(camera.name, self._frame(model.render(strands, camera, volume=volume)))
+                    write(camera.name, self._frame(renderer.render(camera)))
         result = {
             "frames": len(cameras),
             "seconds": round(time.perf_counter() - begin, 2),

@@ -11,9 +11,7 @@ from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips
 from neural_strands.foundation.precision import exact_convolutions
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.strands import Strands
-from neural_strands.model.hair_model import HairModel
-from neural_strands.model.hair_volume import hair_volume
+from neural_strands.model.renderer import HairRenderer
 
 HAIR_COVERAGE = 0.5
 """Coverage from which a pixel belongs to the hair region."""
@@ -44,23 +42,20 @@ class ViewQuality:
 
 @torch.no_grad()
 def view_qualities(
-    model: HairModel,
-    strands: Strands,
+    renderer: HairRenderer,
     views: Iterable[tuple[Camera, Float[Tensor, "height width 3"], Float[Tensor, "height width"] | None]],
     metric: Lpips | None,
 ) -> list[ViewQuality]:
     """Render each view and compare it with its photograph.
 
     Args:
-        model: renders.
-        strands: decoded once, world metres, with `root_uv`.
+        renderer: a model and its strands.
         views: camera, photograph and hair coverage; without one, the region is where the model sees hair.
         metric: LPIPS, if there is one.
     """
-    volume = hair_volume(strands.points)
     results = []
     for camera, image, mask in views:
-        output = model.render(strands, camera, volume=volume)
+        output = renderer.render(camera)
         shown = output.rgb.clamp(0, 1)
         region = ((output.alpha if mask is None else mask) >= HAIR_COVERAGE).to(shown)
         with exact_convolutions():

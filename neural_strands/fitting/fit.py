@@ -17,7 +17,7 @@ from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
 from neural_strands.fitting.first_colours import initialise_colours
 from neural_strands.fitting.fit_data import FitData, random_region
-from neural_strands.fitting.geometry_step import decode_some, shape_losses
+from neural_strands.fitting.geometry_step import hold_unreleased, shape_losses
 from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
 from neural_strands.fitting.observation import Observation, Place
 from neural_strands.fitting.schedule import appearance_begins, blur_width, rate_factor, released_points
@@ -140,7 +140,7 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
     blur = blur_width(state.step, config.steps, config.schedule)
     released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
-    strands = decode_some(model, index, config.step_points, blur, released)
+    strands = hold_unreleased(model.decode(config.step_points, blur, index).points, released)
     losses = shape_losses(strands, index, state.remembered, state.first, data, chosen, config)
     weights = config.weights
     total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
@@ -196,7 +196,7 @@ def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> F
     index = torch.unique(seen[seen >= 0] // (state.drawn.shape[1] - 1))
     if len(index) == 0:
         return state.drawn
-    decoded = decode_some(model, index, state.drawn.shape[1], 0.0, 1.0)
+    decoded = model.decode(state.drawn.shape[1], index=index).points
     scaled = decoded.detach() + config.weights.shape_from_image * (decoded - decoded.detach())
     return state.drawn.index_copy(0, index, scaled)
 

@@ -9,9 +9,7 @@ from torch import Tensor
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.losses import coverage_loss, head_penalty, holding_loss, surface_loss
-from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.strands import directions
-from neural_strands.model.hair_model import HairModel
 
 
 @dataclass(frozen=True)
@@ -31,24 +29,10 @@ class ShapeLosses:
     first: Float[Tensor, ""]
 
 
-def decode_some(
-    model: HairModel, index: Int64[Tensor, " some"], points: int, blur: float, released: float
-) -> Float[Tensor, "some point 3"]:
-    """Decode the strands of some roots; points beyond the released share of the strand pass no gradient on.
-
-    Args:
-        model: textures, generator and roots.
-        index: which roots.
-        points: points a strand.
-        blur: deviation in texels of the blur of the gradient into Z_g (coarse to fine).
-        released: share of the strand from the root that learns (root to tip), in [0, 1].
-    """
-    latent = model.textures.sample_shape(model.root_uv[index], blur)
-    local = model.generator(latent, points)
-    free = round(released * points)
-    if free < points:
-        local = torch.cat([local[:, :free], local[:, free:].detach()], dim=1)
-    return to_world(local, model.root_position[index], model.root_frame[index])
+def hold_unreleased(points: Float[Tensor, "strand point 3"], released: float) -> Float[Tensor, "strand point 3"]:
+    """The same strands; points beyond the released share of each, from its root, pass no gradient on (root to tip)."""
+    free = round(released * points.shape[1])
+    return points if free >= points.shape[1] else torch.cat([points[:, :free], points[:, free:].detach()], dim=1)
 
 
 def shape_losses(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -157,17 +157,20 @@ class HairModel(nn.Module):
         """Decode the strands and render them."""
         return self.render(self.decode(), camera)
 
-    def decode(self, points: int | None = None, blur: float = 0.0) -> Strands:
-        """Strands of every root in world metres.
+    def decode(
+        self, points: int | None = None, blur: float = 0.0, index: Int64[Tensor, " some"] | None = None
+    ) -> Strands:
+        """Strands of the roots in world metres.
 
         Args:
             points: points a strand, by default those of the config.
             blur: standard deviation, in texels, of the blur of the gradient into Z_g.
+            index: which roots, by default all of them.
         """
-        latent = self.textures.sample_shape(self.root_uv, blur)
-        local = self.generator(latent, points or self.config.points)
-        world = to_world(local, self.root_position, self.root_frame)
-        return Strands(world, root_uv=self.root_uv, root_normal=self.root_frame[:, :, 2])
+        roots = (self.root_position, self.root_uv, self.root_frame)
+        position, uv, frame = roots if index is None else (values[index] for values in roots)
+        local = self.generator(self.textures.sample_shape(uv, blur), points or self.config.points)
+        return Strands(to_world(local, position, frame), root_uv=uv, root_normal=frame[:, :, 2])
 
     def draw(self, strands: Strands, camera: Camera) -> Drawing:
         """Find what a camera sees of strands and body."""

@@ -76,7 +76,9 @@ def rasterise_lines_reference(
     along_x = _along_x(screen)[index]
     minor = torch.where(along_x, crossing[:, 1], crossing[:, 0])
     even = torch.linspace(0, 1, points.shape[1], device=points.device).expand(points.shape[:2])
-    listed, minor = _pixels_across(minor, _half_widths(screen, index, fraction, even if t is None else t, camera, config))
+    listed, minor = _pixels_across(
+        minor, _half_widths(screen, index, fraction, even if t is None else t, camera, config)
+    )
     index, major, along_x, crossing = index[listed], major[listed], along_x[listed], crossing[listed]
     inside = (minor >= 0) & (minor < torch.where(along_x, height, width))
     row = torch.where(along_x, minor, major)[inside]

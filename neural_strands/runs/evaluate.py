@@ -24,11 +24,9 @@ from neural_strands.evaluation.lpips import find_lpips
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.evaluation.timing import time_function
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.strands import Strands
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
-from neural_strands.model.hair_model import HairModel
-from neural_strands.model.hair_volume import hair_volume
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.run_fit import find_head
 from neural_strands.runs.run_folder import RunFolder, read_description
 from neural_strands.scalp.head import Head
@@ -92,9 +90,8 @@ class RunContents:
         folder: where.
         capture: all its views.
         head: mesh and scalp.
-        model: what renders.
+        renderer: the model and its strands, decoded once.
         segments: line segments that the fit used.
-        strands: decoded once.
         shown: indices of the views that are judged.
         held_out: whether those were held out.
     """
@@ -102,9 +99,8 @@ class RunContents:
     folder: RunFolder
     capture: Capture
     head: Head
-    model: HairModel
+    renderer: HairRenderer
     segments: LineSegments
-    strands: Strands
     shown: list[int]
     held_out: bool
 
@@ -119,13 +115,11 @@ def open_run(path: Path, device: torch.device) -> RunContents:
     described = read_description(folder)
     capture = Capture.load(Path(described.capture))
     head = find_head(capture, Path(described.head) if described.head else None).to(device)
-    model = load_hair_model(folder.model, device)
-    with torch.no_grad():
-        strands = model.decode()
+    renderer = HairRenderer.of(load_hair_model(folder.model, device))
     held = held_out_views(len(capture), described.config.hold_out_every)
     shown = held or training_views(len(capture), described.config.hold_out_every)
     segments = load_segments(folder.segments).to(device)
-    return RunContents(folder, capture, head, model, segments, strands, shown, bool(held))
+    return RunContents(folder, capture, head, renderer, segments, shown, bool(held))
 
 
 def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
@@ -133,18 +127,17 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
     truth = run.capture.ground_truth
     ours: tuple[GeometryScore, ...] = ()
     lmvs: tuple[GeometryScore, ...] = ()
-    mine = sample_strands(run.strands.points)
+    mine = sample_strands(run.renderer.strands.points)
     if truth is not None:
         true_points = sample_strands(truth.points.to(device))
         ours = score_geometry(mine, true_points, THRESHOLDS)
         lmvs = score_geometry(sample_segments(run.segments), true_points, THRESHOLDS, with_consistency=False)
     metric, absent = find_lpips("squeeze", device)
-    views = view_qualities(run.model, run.strands, (_view(run, index, device) for index in run.shown), metric)
+    views = view_qualities(run.renderer, (_view(run, index, device) for index in run.shown), metric)
     camera = run.capture.cameras[run.shown[0]].to(device)
-    volume = hair_volume(run.strands.points)
     with torch.no_grad():
-        decode = time_function(run.model.decode, device, runs=3)
-        render = time_function(lambda: run.model.render(run.strands, camera, volume=volume), device, runs=3)
+        decode = time_function(run.renderer.model.decode, device, runs=3)
+    render = time_function(lambda: run.renderer.render(camera), device, runs=3)
     return Evaluation(
         ours=ours,
         lmvs=lmvs,

@@ -17,6 +17,7 @@ from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.run_folder import RunFolder
 
 HAIR_WIDTH = 7e-5
@@ -58,11 +59,10 @@ def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Te
     return srgb_to_linear(colours)
 
 
-@torch.no_grad()
 def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
     """A training view as the model renders it now, beside its photograph."""
     target = data.observation(0)
-    output = model.render(Strands(points, root_uv=model.root_uv), target.camera)
+    output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(target.camera)
     with atomic_file(path) as temporary:
         temporary.write_bytes(png(torch.cat([output.rgb, target.image], dim=1)))
 

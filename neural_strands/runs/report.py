@@ -11,7 +11,6 @@ from neural_strands.fitting.fit_data import segment_lines
 from neural_strands.fitting.observation import Place
 from neural_strands.fitting.trimap import reference_alpha
 from neural_strands.foundation.files import atomic_file
-from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.turntable import turntable_cameras
 from neural_strands.runs.evaluate import Evaluation, RunContents, mean_of, read_losses
 from neural_strands.runs.run_folder import read_description
@@ -48,8 +47,9 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     losses = read_losses(run.folder.log)
     if losses:
         galleries.append(Gallery("Losses", (("mean of each step's figures", curves(losses, "losses")),), columns=1))
+    strands = run.renderer.strands
     summary = (
-        f"{len(run.strands)} strands of {run.strands.points_per_strand} points from {len(run.capture)} photographs of "
+        f"{len(strands)} strands of {strands.points_per_strand} points from {len(run.capture)} photographs of "
         f"{run.capture.folder.name}; {run.segments.segment_count} line segments."
     )
     title = f"Neural Strands: {run.capture.folder.name}"
@@ -61,8 +61,8 @@ def write_report(run: RunContents, result: Evaluation) -> None:
 def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height width 3"]:
     """A view that was judged: photograph, reconstructed strands by direction, rendering."""
     place = len(result.views) - 1
-    camera = run.capture.cameras[run.shown[place]].to(run.strands.points.device)
-    strands = geometry_picture(run.strands.points, camera, run.head.mesh).cpu()
+    camera = run.capture.cameras[run.shown[place]].to(run.renderer.strands.points.device)
+    strands = geometry_picture(run.renderer.strands.points, camera, run.head.mesh).cpu()
     return torch.cat([result.views[place].truth, strands, result.views[place].rendered], dim=1)
 
 
@@ -135,26 +135,26 @@ def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
 
 
 def _geometry_gallery(run: RunContents) -> Gallery:
-    camera = run.capture.cameras[run.shown[0]].to(run.strands.points.device)
+    points = run.renderer.strands.points
+    camera = run.capture.cameras[run.shown[0]].to(points.device)
     head = run.head.mesh
-    sets = [("line segments", segment_lines(run.segments)), ("our strands", run.strands.points)]
+    sets = [("line segments", segment_lines(run.segments)), ("our strands", points)]
     if run.capture.ground_truth is not None:
         sets.insert(0, ("ground truth", run.capture.ground_truth.points.to(head.vertices)))
     pictures = [(name, png(geometry_picture(lines, camera, head))) for name, lines in sets]
     photograph = run.capture.image(run.shown[0]).to(head.vertices)
-    pictures.append(("our strands over the photograph", png(overlay(photograph, run.strands.points, camera, head))))
+    pictures.append(("our strands over the photograph", png(overlay(photograph, points, camera, head))))
     return Gallery("Geometry, coloured by direction", tuple(pictures), columns=len(pictures))
 
 
-@torch.no_grad()
 def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
     """A turn about the hair, as the model renders it and as strands by direction; and some frames to look at."""
+    points = run.renderer.strands.points
     shown = run.capture.cameras[run.shown[0]]
     side = min(TURN_SIDE, shown.width, shown.height)
-    cameras = turntable_cameras(run.strands.points, TURN_FRAMES, (side, side))
-    volume = hair_volume(run.strands.points)
-    rendered = [run.model.render(run.strands, camera, volume=volume).rgb.clamp(0, 1).cpu() for camera in cameras]
-    drawn = [geometry_picture(run.strands.points, camera, run.head.mesh).cpu() for camera in cameras]
+    cameras = turntable_cameras(points, TURN_FRAMES, (side, side))
+    rendered = [run.renderer.render(camera).rgb.clamp(0, 1).cpu() for camera in cameras]
+    drawn = [geometry_picture(points, camera, run.head.mesh).cpu() for camera in cameras]
     strips = tuple(
         (caption, strip([_shrunk(frame) for frame in frames]))
         for caption, frames in (("rendered", rendered), ("strands, coloured by direction", drawn))

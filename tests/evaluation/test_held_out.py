@@ -7,6 +7,7 @@ from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
@@ -26,7 +27,7 @@ def test_each_view_is_judged_in_its_hair_region(generator):
     with torch.no_grad():
         strands = model.decode()
         rendered = model.render(strands, camera).rgb.clamp(0, 1)
-    (quality,) = view_qualities(model, strands, [(camera, photograph, mask)], None)
+    (quality,) = view_qualities(HairRenderer.of(model), [(camera, photograph, mask)], None)
     assert quality.name == "front"
     assert quality.lpips is None
     torch.testing.assert_close(quality.rendered, rendered)
@@ -34,5 +35,5 @@ def test_each_view_is_judged_in_its_hair_region(generator):
     torch.testing.assert_close(torch.tensor(quality.ssim), ssim(rendered, photograph, mask))
     outside = photograph.clone()
     outside[mask == 0] = 0.0
-    (again,) = view_qualities(model, strands, [(camera, outside, mask)], None)
+    (again,) = view_qualities(HairRenderer.of(model), [(camera, outside, mask)], None)
     assert again.psnr == quality.psnr

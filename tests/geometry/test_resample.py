@@ -118,9 +118,9 @@ def test_gradients(resample, generator: torch.Generator):
 
 
 def test_too_few_points():
-    for resample in (resample_polyline_lengths, resample_strands):
+    for function in (resample_polyline_lengths, resample_strands):
         with pytest.raises(ValueError, match="at least two points"):
-            resample(torch.zeros(3, 1, 3), 10)
+            function(torch.zeros(3, 1, 3), 10)
         with pytest.raises(ValueError, match="at least two points"):
             resample(torch.zeros(3, 5, 3), 1)
     assert resample_strands(torch.zeros(0, 5, 3), 10).shape == (0, 10, 3)

@@ -1,0 +1,51 @@
+"""The renderer against the model that it holds: own strands, edited ones, no gradient."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from test_model_hair_model import model, stubble, view
+
+from neural_strands.model.renderer import HairRenderer
+
+
+def test_it_shows_what_the_model_shows():
+    hair = model()
+    renderer = HairRenderer.of(hair)
+    assert torch.equal(renderer.strands.points, hair.decode().points)
+    for camera in (view(), view((37, 29), (0.3, 0.4, 0.2))):
+        found, expected = renderer.render(camera), hair(camera)
+        assert torch.equal(found.rgb, expected.rgb)
+        assert torch.equal(found.alpha, expected.alpha)
+        assert not found.rgb.requires_grad
+
+
+def test_edited_strands_take_the_place_of_its_own():
+    hair = model()
+    first = HairRenderer.of(hair)
+    edited = first.showing(stubble(hair))
+    assert torch.equal(edited.render(view()).rgb, hair.render(stubble(hair), view()).rgb)
+    assert not torch.equal(edited.render(view()).rgb, first.render(view()).rgb)
+    assert torch.equal(first.render(view()).rgb, hair(view()).rgb)
+
+
+def test_the_volume_is_that_of_the_strands_shown():
+    """Half the hair is shaved off: what remains is lit as hair that stands alone, not as it was."""
+    hair = model()
+    renderer = HairRenderer.of(hair)
+    shaved = renderer.showing(renderer.strands.select(torch.arange(0, len(renderer.strands), 2)))
+    assert torch.equal(shaved.render(view()).rgb, hair.render(shaved.strands, view()).rgb)
+
+
+def test_strands_without_a_place_on_the_scalp_are_refused_at_once():
+    hair = model()
+    with pytest.raises(ValueError, match="root_uv"):
+        HairRenderer.of(hair, replace(stubble(hair), root_uv=None))
+
+
+def test_some_roots_decode_to_the_same_strands_as_all():
+    hair, index = model(), torch.tensor([5, 0, 17])
+    every, some = hair.decode(20), hair.decode(20, index=index)
+    torch.testing.assert_close(some.points, every.points[index], rtol=0, atol=1e-6)
+    assert some.root_uv is not None
+    assert torch.equal(some.root_uv, hair.root_uv[index])
