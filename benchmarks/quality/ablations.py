@@ -118,8 +118,9 @@ def run_variant(name: str, variant: Variant, capture: Path, out: Path) -> None:
     seconds = time.perf_counter() - start
     contents = open_run(run, CPU)
     result = evaluate_run(contents, CPU)
-    view = result.views[min(SHOWN, len(result.views) - 1)]
-    for file, image in (("rendered", view.rendered), ("photograph", view.truth), ("strands", drawn_strands(contents))):
+    view = result.views[min(SHOWN, len(result.views) - 1)].view
+    pictures = {"rendered": view.rendered, "photograph": view.photograph, "strands": drawn_strands(contents)}
+    for file, image in pictures.items():
         with atomic_file(run / f"{file}.png") as temporary:
             temporary.write_bytes(png(image))
     figures = {"described": described, "steps": state.step, "seconds": seconds, **result.as_dict()}
@@ -134,7 +135,8 @@ def shown_view(contents: RunContents) -> int:
 
 def drawn_strands(contents: RunContents) -> torch.Tensor:
     """The strands by direction, from the shown view."""
-    return geometry_picture(contents.strands.points, contents.capture.cameras[shown_view(contents)], contents.head.mesh)
+    points, camera = contents.renderer.strands.points, contents.capture.cameras[shown_view(contents)]
+    return geometry_picture(points, camera, contents.head.mesh)
 
 
 def table(results: dict[str, dict]) -> str:

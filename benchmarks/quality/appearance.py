@@ -20,9 +20,9 @@ from torch.nn import functional as F
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import held_out_views, training_views
-from neural_strands.evaluation.image_metrics import psnr, ssim
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
+from neural_strands.evaluation.view_quality import image_quality
 from neural_strands.fitting.config import KNOTTED, FitConfig, FitWeights
 from neural_strands.fitting.first_colours import strand_colours
 from neural_strands.fitting.fit import FitState, fit, start_fit
@@ -158,10 +158,8 @@ def scores(image: torch.Tensor, target: Observation, lpips: Lpips | None) -> lis
     """PSNR, SSIM and LPIPS in the hair region."""
     if target.mask is None:
         raise SystemExit(f"{target.camera.name}: expected a hair mask, found none; choose a capture with masks.")
-    hair = (target.mask > 0.5).float()
-    image = image.clamp(0, 1)
-    distance = float("nan") if lpips is None else float(lpips(image, target.image, hair))
-    return [float(psnr(image, target.image, hair)), float(ssim(image, target.image, hair)), distance]
+    quality = image_quality(image.clamp(0, 1), target.image, lpips, target.mask > 0.5)
+    return [quality.psnr, quality.ssim, float("nan") if quality.lpips is None else quality.lpips]
 
 
 def summary(rows: list[list[float]]) -> dict[str, float]:

@@ -1,5 +1,8 @@
 """Which views of a capture are kept for evaluation and seen by nothing else."""
 
+HOLD_OUT_EVERY = 5
+"""One view in so many is held out unless said otherwise."""
+
 
 def held_out_views(count: int, every: int) -> list[int]:
     """Indices of the views kept for evaluation: the last of every `every` of them; none for 0."""

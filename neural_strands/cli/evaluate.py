@@ -21,10 +21,12 @@ class Evaluate:
     """Where to compute."""
     json: bool = False
     """Print one JSON object: strands and lmvs (percent at each threshold, where there is a ground truth),
-    held_out_views (dB, SSIM, LPIPS in the hair region), milliseconds, inside_head_percent."""
+    held_out_views (psnr in dB, ssim and lpips in the hair region; the same under "image" over the whole image; the
+    error of the "alpha" map; in "lpips_note" that LPIPS is a training loss too), milliseconds, inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""
+        from neural_strands.evaluation.view_quality import HEADS, mean_quality
         from neural_strands.runs.evaluate import evaluate_run, open_run
         from neural_strands.runs.report import write_report
 
@@ -42,7 +44,10 @@ class Evaluate:
                     f"{name:8} {threshold:10} precision {row['precision']:6.2f}  recall {row['recall']:6.2f}  "
                     f"F {row['f_score']:6.2f} %\n"
                 )
-        for name, value in figures["held_out_views"].items():
-            sys.stdout.write(f"views    {name:10} {value if not isinstance(value, float) else round(value, 4)}\n")
+        views = f"{len(result.views)} views, {'held out' if result.held_out else 'none held out: seen in training'}"
+        sys.stdout.write(f"mean of {views}\n")
+        for head, cell in zip(HEADS, mean_quality(result.views).cells(), strict=True):
+            sys.stdout.write(f"views    {head:16} {cell:>8}\n")
+        sys.stdout.write(f"{result.lpips_note}\n" if result.lpips_note else "")
         sys.stdout.write(f"decode {result.decode_ms:.1f} ms, render {result.render_ms:.1f} ms\n")
         sys.stdout.write(f"{run.folder.report / 'index.html'}\n")

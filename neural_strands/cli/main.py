@@ -18,6 +18,7 @@ COMMANDS = {
     "check": "neural_strands.cli.check:Check",
     "head": "neural_strands.cli.head:HeadCheck",
     "score": "neural_strands.cli.score:Score",
+    "score-views": "neural_strands.cli.score_views:ScoreViews",
     "lmvs": "neural_strands.cli.lmvs:Lmvs",
     "train-prior": "neural_strands.cli.train_prior:TrainPrior",
     "prior-report": "neural_strands.cli.prior_report:PriorReport",

@@ -17,6 +17,8 @@ SCALE = (0.458, 0.448, 0.450)
 """Standard deviation of colour that the trunks were trained with, for images in [-1, 1]."""
 TINY = 1e-10
 """Added to the length of a feature vector before it is divided by it."""
+TRAINING_NETWORK: Network = "squeeze"
+"""The network that fits are trained with."""
 SMALLEST_SIDE = 32
 """Pixels; of smaller images the deepest features would be of the padding."""
 
@@ -88,6 +90,13 @@ class Lpips(nn.Module):
         """Stay in evaluation mode: the metric never learns."""
         del mode
         return super().train(False)
+
+
+def training_note(network: Network) -> str:
+    """What to say of figures of a network that fits are trained with; empty of the others."""
+    if network != TRAINING_NETWORK:
+        return ""
+    return f"LPIPS ({network}) is also a training loss of `neural-strands fit`: it favours what a fit has made."
 
 
 def find_lpips(

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from neural_strands.capture.hold_out import HOLD_OUT_EVERY
 from neural_strands.fitting.first_strands import InitialConfig
 from neural_strands.fitting.losses import ChamferConfig
 from neural_strands.fitting.schedule import ScheduleConfig
@@ -80,7 +81,7 @@ class FitConfig:
     """Image regions of one step, shared out between processes."""
     shape_every: int = 8
     """After the geometry-only phase, every how many steps the shape moves; others train appearance alone. 0: never."""
-    hold_out_every: int = 5
+    hold_out_every: int = HOLD_OUT_EVERY
     """Every how manieth view is kept for evaluation and seen by nothing else; 0 keeps none."""
     initialise: Literal["flow", "mean"] = "flow"
     """First strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import held_out_views, training_views
@@ -19,10 +17,10 @@ from neural_strands.evaluation.geometry_metrics import (
     fit_to_head,
     score_geometry,
 )
-from neural_strands.evaluation.held_out import ViewQuality, view_qualities
-from neural_strands.evaluation.lpips import find_lpips
+from neural_strands.evaluation.lpips import TRAINING_NETWORK, find_lpips, training_note
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.evaluation.timing import time_function
+from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, mean_quality, view_qualities
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
@@ -44,7 +42,7 @@ class Evaluation:
         held_out: whether `views` were held out.
         decode_ms: milliseconds to decode all strands.
         render_ms: milliseconds to render one view of decoded strands.
-        lpips_absent: why LPIPS is absent, or empty.
+        lpips_note: why LPIPS is absent, or that this run was trained with it, or empty.
     """
 
     ours: tuple[GeometryScore, ...]
@@ -54,17 +52,20 @@ class Evaluation:
     held_out: bool
     decode_ms: float
     render_ms: float
-    lpips_absent: str
+    lpips_note: str
 
     def as_dict(self) -> dict[str, Any]:
         """What `--json` prints: percent, dB, milliseconds."""
+        means = mean_quality(self.views).as_dict()
+        hair = means["hair"] or {"psnr": None, "ssim": None, "lpips": None}
         result: dict[str, Any] = {
             "held_out_views": {
                 "held_out": self.held_out,
                 "count": len(self.views),
-                "psnr": mean_of([view.psnr for view in self.views]),
-                "ssim": mean_of([view.ssim for view in self.views]),
-                "lpips": mean_of([view.lpips for view in self.views if view.lpips is not None]),
+                **hair,
+                "image": means["image"],
+                "alpha": means["alpha"],
+                "lpips_note": self.lpips_note,
             },
             "milliseconds": {"decode": self.decode_ms, "render": self.render_ms},
         }
@@ -132,8 +133,8 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         true_points = sample_strands(truth.points.to(device))
         ours = score_geometry(mine, true_points, THRESHOLDS)
         lmvs = score_geometry(sample_segments(run.segments), true_points, THRESHOLDS, with_consistency=False)
-    metric, absent = find_lpips("squeeze", device)
-    views = view_qualities(run.renderer, (_view(run, index, device) for index in run.shown), metric)
+    metric, absent = find_lpips(TRAINING_NETWORK, device)
+    views = view_qualities((_rendered_view(run, index, device) for index in run.shown), metric)
     camera = run.capture.cameras[run.shown[0]].to(device)
     with torch.no_grad():
         decode = time_function(run.renderer.model.decode, device, runs=3)
@@ -146,7 +147,7 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         held_out=run.held_out,
         decode_ms=1e3 * decode.median,
         render_ms=1e3 * render.median,
-        lpips_absent=absent,
+        lpips_note=absent or training_note(TRAINING_NETWORK),
     )
 
 
@@ -165,17 +166,9 @@ def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
     return series
 
 
-def mean_of(values: list[float]) -> float | None:
-    """Mean, or None of nothing."""
-    return sum(values) / len(values) if values else None
-
-
-def _view(
-    run: RunContents, index: int, device: torch.device
-) -> tuple[Any, Float[Tensor, "height width 3"], Float[Tensor, "height width"] | None]:
-    mask = run.capture.hair_mask(index)
-    return (
-        run.capture.cameras[index].to(device),
-        run.capture.image(index).to(device),
-        None if mask is None else mask.to(device),
-    )
+def _rendered_view(run: RunContents, index: int, device: torch.device) -> RenderedView:
+    """A view as the model renders it, beside its photograph."""
+    camera = run.capture.cameras[index].to(device)
+    output = run.renderer.render(camera)
+    photograph, mask = run.capture.image(index, device), run.capture.hair_mask(index, device)
+    return RenderedView(camera.name, output.rgb.clamp(0, 1), photograph, mask, output.alpha)

@@ -7,12 +7,13 @@ from torch import Tensor
 from neural_strands.evaluation.geometry_metrics import GeometryScore
 from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
 from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png, strip
+from neural_strands.evaluation.view_quality import HEADS, mean_quality
 from neural_strands.fitting.fit_data import segment_lines
 from neural_strands.fitting.observation import Place
 from neural_strands.fitting.trimap import reference_alpha
 from neural_strands.foundation.files import atomic_file
 from neural_strands.model.turntable import turntable_cameras
-from neural_strands.runs.evaluate import Evaluation, RunContents, mean_of, read_losses
+from neural_strands.runs.evaluate import Evaluation, RunContents, read_losses
 from neural_strands.runs.run_folder import read_description
 
 PAPER_ROWS = {
@@ -22,7 +23,7 @@ PAPER_ROWS = {
     "paper, long: strands": ((32.59, 14.62, 20.19), (71.40, 42.06, 52.94), (71.40, 62.91, 66.89)),
 }
 """Precision, recall and F at (1 mm, 10°), (2 mm, 20°), (3 mm, 30°): the paper's table 1, on its own grooms."""
-PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811")
+PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811", "", "", "", "", "")
 PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
 MOST_VIEWS = 4
 TURN_FRAMES, STILL_EVERY = 24, 3
@@ -63,7 +64,8 @@ def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height widt
     place = len(result.views) - 1
     camera = run.capture.cameras[run.shown[place]].to(run.renderer.strands.points.device)
     strands = geometry_picture(run.renderer.strands.points, camera, run.head.mesh).cpu()
-    return torch.cat([result.views[place].truth, strands, result.views[place].rendered], dim=1)
+    view = result.views[place].view
+    return torch.cat([view.photograph, strands, view.rendered], dim=1)
 
 
 def _geometry_table(result: Evaluation) -> Table:
@@ -85,20 +87,10 @@ def _cells(scores: tuple[GeometryScore, ...]) -> tuple[str, ...]:
 
 
 def _images_table(result: Evaluation) -> Table:
-    def cells(psnr: float | None, ssim: float | None, lpips: float | None) -> tuple[str, str, str]:
-        return (
-            "" if psnr is None else f"{psnr:.2f}",
-            "" if ssim is None else f"{ssim:.4f}",
-            "absent" if lpips is None else f"{lpips:.4f}",
-        )
-
-    rows = [(f"view {view.name}", *cells(view.psnr, view.ssim, view.lpips)) for view in result.views]
-    means = [mean_of([getattr(view, name) for view in result.views]) for name in ("psnr", "ssim")]
-    perceptual = mean_of([view.lpips for view in result.views if view.lpips is not None])
-    rows.append(("mean", *cells(means[0], means[1], perceptual)))
-    rows.append(PAPER_IMAGES)
-    title = "Held-out views, hair region" if result.held_out else "Training views (none was held out), hair region"
-    return Table(title, ("", "PSNR, dB", "SSIM", "LPIPS (squeeze)"), tuple(rows), result.lpips_absent)
+    rows = [(f"view {each.view.name}", *each.quality.cells()) for each in result.views]
+    rows += [("mean", *mean_quality(result.views).cells()), PAPER_IMAGES]
+    title = "Held-out views" if result.held_out else "Training views (none was held out)"
+    return Table(title, ("", *HEADS), tuple(rows), result.lpips_note)
 
 
 def _time_table(result: Evaluation) -> Table:
@@ -112,19 +104,21 @@ def _time_table(result: Evaluation) -> Table:
 
 def _views_gallery(result: Evaluation) -> Gallery:
     pictures: list[tuple[str, bytes]] = []
-    for view in result.views[:MOST_VIEWS]:
+    for view in (each.view for each in result.views[:MOST_VIEWS]):
         pictures += [
             (f"rendered {view.name}", png(view.rendered)),
-            ("photograph", png(view.truth)),
-            ("difference x 4", png(difference(view.rendered, view.truth))),
+            ("photograph", png(view.photograph)),
+            ("difference x 4", png(difference(view.rendered, view.photograph))),
         ]
     return Gallery("Views" if not result.held_out else "Held-out views", tuple(pictures))
 
 
 def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
-    view, index = result.views[0], run.shown[0]
-    mask = run.capture.hair_mask(index)
-    pictures = [("predicted alpha", png(view.alpha[..., None].expand(-1, -1, 3)))]
+    view = result.views[0].view
+    pictures: list[tuple[str, bytes]] = []
+    if view.alpha is not None:
+        pictures.append(("predicted alpha", png(view.alpha[..., None].expand(-1, -1, 3))))
+    mask = view.mask
     if mask is not None:
         height, width = mask.shape
         config = read_description(run.folder).config.trimap
