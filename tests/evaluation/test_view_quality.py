@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from neural_strands.evaluation.image_metrics import psnr, ssim
+from neural_strands.evaluation.lpips import Lpips
+from neural_strands.evaluation.lpips_trunks import LAYOUTS, build_trunk
 from neural_strands.evaluation.view_quality import (
     HEADS,
     AlphaQuality,
@@ -48,17 +50,14 @@ def test_each_view_is_judged_in_its_hair_region_and_as_a_whole(generator):
 
 
 def test_lpips_is_asked_about_both_regions(generator):
-    view = rendered_view(generator)
-
-    def metric(image, reference, mask=None):
-        weight = torch.ones(40, 40) if mask is None else mask
-        return ((image - reference).abs().mean(dim=-1) * weight).sum() / weight.sum()
-
-    (found,) = view_qualities([view], metric)  # pyright: ignore[reportArgumentType]
-    difference = (view.rendered - view.photograph).abs().mean(dim=-1)
+    view, network = rendered_view(generator), "squeeze"
+    heads = [torch.rand(channels, generator=generator) for channels in LAYOUTS[network].channels]
+    metric = Lpips(network, build_trunk(network).state_dict(), heads)
+    (found,) = view_qualities([view], metric)
     assert found.quality.hair is not None
-    assert found.quality.hair.lpips == pytest.approx(float(difference[10:30, 5:25].mean()), rel=1e-5)
-    assert found.quality.image.lpips == pytest.approx(float(difference.mean()), rel=1e-5)
+    assert found.quality.hair.lpips == float(metric(view.rendered, view.photograph, view.mask))
+    assert found.quality.image.lpips == float(metric(view.rendered, view.photograph))
+    assert found.quality.hair.lpips != found.quality.image.lpips
 
 
 def test_without_a_mask_hair_is_where_the_renderer_shows_it(generator):
