@@ -122,7 +122,7 @@ def test_too_few_points():
         with pytest.raises(ValueError, match="at least two points"):
             function(torch.zeros(3, 1, 3), 10)
         with pytest.raises(ValueError, match="at least two points"):
-            resample(torch.zeros(3, 5, 3), 1)
+            function(torch.zeros(3, 5, 3), 1)
     assert resample_strands(torch.zeros(0, 5, 3), 10).shape == (0, 10, 3)
     assert resample_ragged(torch.zeros(0, 3), torch.zeros(1, dtype=torch.int64), 10).shape == (0, 10, 3)
 
