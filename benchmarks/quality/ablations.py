@@ -21,13 +21,11 @@ from typing import Annotated
 
 import torch
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import training_views
-from neural_strands.evaluation.pictures import geometry_picture, png
 from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import fit_prior
 from neural_strands.fitting.schedule import ScheduleConfig
@@ -35,6 +33,9 @@ from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.progress import Feedback, track
 from neural_strands.lmvs.files import save_segments
+from neural_strands.pictures.encoding import write_png
+from neural_strands.pictures.lines import lines_picture
+from neural_strands.pictures.plots import DPI, figure_image
 from neural_strands.runs.evaluate import RunContents, evaluate_run, open_run
 from neural_strands.runs.run_fit import FitRequest, find_head, run_fit
 from neural_strands.runs.run_folder import weights_digest
@@ -121,8 +122,7 @@ def run_variant(name: str, variant: Variant, capture: Path, out: Path) -> None:
     view = result.views[min(SHOWN, len(result.views) - 1)].view
     pictures = {"rendered": view.rendered, "photograph": view.photograph, "strands": drawn_strands(contents)}
     for file, image in pictures.items():
-        with atomic_file(run / f"{file}.png") as temporary:
-            temporary.write_bytes(png(image))
+        write_png(run / f"{file}.png", image)
     figures = {"described": described, "steps": state.step, "seconds": seconds, **result.as_dict()}
     with atomic_file(finished) as temporary:
         temporary.write_text(json.dumps(figures))
@@ -136,7 +136,7 @@ def shown_view(contents: RunContents) -> int:
 def drawn_strands(contents: RunContents) -> torch.Tensor:
     """The strands by direction, from the shown view."""
     points, camera = contents.renderer.strands.points, contents.capture.cameras[shown_view(contents)]
-    return geometry_picture(points, camera, contents.head.mesh)
+    return lines_picture(points, camera, contents.head.mesh)
 
 
 def table(results: dict[str, dict]) -> str:
@@ -177,11 +177,10 @@ def contact_sheet(names: list[str], capture: Capture, out: Path) -> None:
     contents = open_run(out / folder_name(names[0]), CPU)
     camera = capture.cameras[shown_view(contents)]
     truth = capture.ground_truth
-    true_strands = None if truth is None else geometry_picture(truth.points, camera, contents.head.mesh)
+    true_strands = None if truth is None else lines_picture(truth.points, camera, contents.head.mesh)
     part = hair_part(capture, shown_view(contents))
     across = len(names) // 2 + 1
-    figure = Figure(figsize=(3.2 * across, 13.2), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(3.2 * across, 13.2), dpi=DPI, layout="constrained")
     axes = figure.subplots(4, across, squeeze=False)
     for panel in axes.flat:
         panel.set_axis_off()
@@ -194,8 +193,7 @@ def contact_sheet(names: list[str], capture: Capture, out: Path) -> None:
         axes[row, column].set_title(name, fontsize=9)
         for offset, file in enumerate(("rendered", "strands")):
             axes[row + offset, column].imshow(imread(out / folder_name(name) / f"{file}.png")[part])
-    with atomic_file(out / "ablations.png") as temporary:
-        figure.savefig(temporary, dpi=110)
+    write_png(out / "ablations.png", figure_image(figure))
 
 
 def write_results(names: list[str], capture: Capture, out: Path) -> None:

@@ -13,7 +13,6 @@ import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import cv2
 import torch
 import tyro
 from torch.nn import functional as F
@@ -27,18 +26,19 @@ from neural_strands.fitting.config import KNOTTED, FitConfig, FitWeights
 from neural_strands.fitting.first_colours import strand_colours
 from neural_strands.fitting.fit import FitState, fit, start_fit
 from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.observation import Observation
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
+from neural_strands.geometry.views import View
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.shading import ShadingConfig
 from neural_strands.model.unet import UNetConfig
+from neural_strands.pictures.encoding import write_png
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat
@@ -100,14 +100,6 @@ class Arguments:
         )
 
 
-def observation(capture: Capture, index: int) -> Observation:
-    """One photograph with its camera and mask."""
-    mask = capture.hair_mask(index)
-    if mask is None:
-        sys.exit(f"{capture.folder}: view {index} has no hair mask; this benchmark needs them")
-    return Observation(capture.cameras[index], capture.image(index), mask)
-
-
 def strand_segments(strands: Strands) -> LineSegments:
     """The true strands as line segments: what trimaps and checks look at."""
     count, points = strands.points.shape[:2]
@@ -116,7 +108,7 @@ def strand_segments(strands: Strands) -> LineSegments:
     return LineSegments(strands.points.flatten(0, 1), along.flatten(0, 1), torch.ones(count * points), number)
 
 
-def known_colours(model: HairModel, strands: Strands, targets: list[Observation]) -> torch.Tensor:
+def known_colours(model: HairModel, strands: Strands, targets: list[View]) -> torch.Tensor:
     """Mean colour of the pixels that each strand is seen at; of its nearest seen neighbours where it is never seen."""
     colours, weight = strand_colours(model, strands, targets)
     seen = weight > 0.5
@@ -140,7 +132,7 @@ def one_colour_a_strand(
     return alpha * drawn.features.permute(1, 2, 0) + (1 - alpha) * behind
 
 
-def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets: list[Observation]) -> torch.Tensor:
+def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets: list[View]) -> torch.Tensor:
     """Baseline: every pixel takes its colour where the nearest training view sees the same point."""
     ahead = torch.stack([target.camera.rotation[2] for target in targets]) @ camera.rotation[2]
     source = targets[int(ahead.argmax())]
@@ -154,11 +146,11 @@ def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets
     return F.grid_sample(image, grid[None], padding_mode="border", align_corners=False)[0].permute(1, 2, 0)
 
 
-def scores(image: torch.Tensor, target: Observation, lpips: Lpips | None) -> list[float]:
+def scores(image: torch.Tensor, target: View, lpips: Lpips | None) -> list[float]:
     """PSNR, SSIM and LPIPS in the hair region."""
-    if target.mask is None:
+    if target.hair_mask is None:
         raise SystemExit(f"{target.camera.name}: expected a hair mask, found none; choose a capture with masks.")
-    quality = image_quality(image.clamp(0, 1), target.image, lpips, target.mask > 0.5)
+    quality = image_quality(image.clamp(0, 1), target.image, lpips, target.hair_mask > 0.5)
     return [quality.psnr, quality.ssim, float("nan") if quality.lpips is None else quality.lpips]
 
 
@@ -177,8 +169,9 @@ def main(arguments: Arguments) -> None:
     head = Head(capture.head, capture.scalp_faces, chart_faces(capture.head, capture.scalp_faces))
     roots = attach_roots(head, capture.ground_truth.points[:, 0])
     strands = replace(capture.ground_truth, root_uv=roots.uv)
-    held = [observation(capture, index) for index in held_out_views(len(capture), config.hold_out_every)]
-    train = [observation(capture, index) for index in training_views(len(capture), config.hold_out_every)]
+    views = capture.views_on("cpu")
+    held = [views[index] for index in held_out_views(len(capture), config.hold_out_every)]
+    train = [views[index] for index in training_views(len(capture), config.hold_out_every)]
     first = torch.Generator().manual_seed(arguments.seed)
     model = HairModel(config.model, roots, StrandGenerator(), capture.head, first)
     lpips, reason = find_lpips("squeeze", fetch=False)
@@ -213,8 +206,7 @@ def main(arguments: Arguments) -> None:
             for name, picture in pictures.items():
                 rows[name].append(scores(picture, target, lpips))
             row = torch.cat([pictures["model"], target.image, pictures["strand_colour"], pictures["warp"]], dim=1)
-            pixels = row.clamp(0, 1).mul(255).round().byte().numpy()[..., ::-1]
-            cv2.imwrite(str(arguments.out / f"{Path(target.camera.name).stem}.png"), pixels)
+            write_png((arguments.out / target.camera.name).with_suffix(".png"), row)
         trained = [scores(renderer.render(target.camera).rgb, target, lpips) for target in train[::5]]
     figures = {
         "capture": capture.folder.name,

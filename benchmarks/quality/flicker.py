@@ -22,10 +22,10 @@ from torch.nn import functional as F
 
 from neural_strands.capture.capture import Capture
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.hair_model import HairModel, RenderOutput
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.model.turntable import turntable_cameras
 
 SAME_DEPTH = 0.002
 """Metres within which two frames see the same surface."""

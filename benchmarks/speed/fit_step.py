@@ -3,18 +3,17 @@
 Stand-in segments above the built-in mannequin and grey photographs: no data is needed, the work is that of a real step.
 """
 
-import json
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import cv2
 import numpy as np
 import torch
 import tyro
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.writer import CaptureWriter
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.evaluation.timing import Timing, time_function
@@ -48,16 +47,10 @@ class Arguments:
 
 def grey_capture(folder: Path, points: torch.Tensor, resolution: int) -> None:
     """A capture of eight grey photographs of that size."""
-    frames = []
-    (folder / "images").mkdir()
-    for k, camera in enumerate(dome(points, DomeConfig(8, resolution))):
-        cv2.imwrite(str(folder / "images" / f"{k}.png"), np.full((resolution, resolution, 3), 128, np.uint8))
-        matrix = camera.opengl_camera_to_world.tolist()
-        focal = float(camera.intrinsics[0, 0])
-        frames.append({"file_path": f"images/{k}.png", "transform_matrix": matrix, "fl_x": focal, "fl_y": focal})
-    half = resolution / 2
-    shared = {"camera_model": "OPENCV", "w": resolution, "h": resolution, "cx": half, "cy": half}
-    (folder / "transforms.json").write_text(json.dumps({**shared, "frames": frames}))
+    writer, cameras = CaptureWriter(folder), dome(points, DomeConfig(8, resolution))
+    for camera in cameras:
+        writer.write_view(camera, np.full((resolution, resolution, 3), 128, np.uint8))
+    writer.finish(cameras)
 
 
 def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tuple[str, Timing]]:

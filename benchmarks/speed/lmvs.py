@@ -18,7 +18,6 @@ import tyro
 
 from neural_strands.capture.capture import Capture
 from neural_strands.cli.device import DeviceName, pick_device
-from neural_strands.fitting.stereo import capture_views, moved
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.point_queries import match_levels
 from neural_strands.geometry.resample import resample_polyline_lengths
@@ -52,7 +51,7 @@ def main(given: Arguments) -> None:
     capture = Capture.load(given.capture)
     begin = time.perf_counter(), time.process_time()
     generator = torch.Generator().manual_seed(0)
-    views = [moved(view, device) for view in capture_views(capture)]
+    views = capture.views_on(device)
     head = None if capture.head is None else capture.head.to(device)
     # Back on the CPU, so all of it is done when the clock is read.
     segments = reconstruct(views, head, LmvsConfig(), generator, given.out / "work", track).to("cpu")

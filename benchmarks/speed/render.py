@@ -22,10 +22,10 @@ from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.model.turntable import turntable_cameras
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
 from neural_strands.raster.lines import LineConfig, rasterise_lines

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -16,18 +17,22 @@ from torch import Tensor
 
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
 from neural_strands.capture.head_files import read_ground_truth, read_head, read_scalp_faces
-from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, to_unit, unit_tensor
+from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, unit_tensor
 from neural_strands.capture.transforms import read_transforms
-from neural_strands.capture.view import View
+from neural_strands.capture.view_files import ViewFiles
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import Views
 
 CACHE_BYTES = 512 * 1024**2
 """Decoded images kept by default, in bytes as stored (a megapixel of 8-bit RGB takes 3 MB)."""
 
 HEAD_NAMES = ("head.obj", "head.ply", "head.stl", "head.glb")
+
+StoredPart = Literal["image", "alpha", "hair", "person"]
+"""What a view's files hold."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +41,12 @@ class Capture:
 
     Attributes:
         folder: where the capture lies.
-        views: the photographs in the order of the calibration.
+        files: of each view, in the order of the calibration.
         cache: decoded images, shared by every subset of this capture.
     """
 
     folder: Path
-    views: tuple[View, ...]
+    files: tuple[ViewFiles, ...]
     cache: ImageCache = field(repr=False, compare=False)
 
     @classmethod
@@ -59,27 +64,27 @@ class Capture:
         if not folder.is_dir():
             raise InputError(f"{folder}: expected a capture folder, came {'a file' if folder.exists() else 'nothing'}.")
         if (folder / "transforms.json").is_file():
-            views = read_transforms(folder / "transforms.json")
+            files = read_transforms(folder / "transforms.json")
         elif (model := find_sparse_model(folder)) is not None:
-            views = read_colmap(folder, model)
+            files = read_colmap(folder, model)
         else:
             raise InputError(
                 f"{folder}: expected transforms.json or a COLMAP model (sparse/0/cameras.bin or .txt), found neither; "
                 "calibrate the photographs first, for instance with COLMAP."
             )
-        return cls(folder, views, ImageCache(cache_bytes))
+        return cls(folder, files, ImageCache(cache_bytes))
 
     def __len__(self) -> int:
-        return len(self.views)
+        return len(self.files)
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
         """The pinhole cameras of the undistorted images."""
-        return tuple(view.camera for view in self.views)
+        return tuple(view.camera for view in self.files)
 
     def subset(self, indices: Sequence[int]) -> "Capture":
         """The same capture with only these views, in this order; the cache is shared."""
-        return replace(self, views=tuple(self.views[index] for index in indices))
+        return replace(self, files=tuple(self.files[index] for index in indices))
 
     def image(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width 3"]:
         """The undistorted photograph, sRGB in [0, 1], on `device`; transparent pixels lie over black.
@@ -87,7 +92,7 @@ class Capture:
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
-        return unit_tensor(self._decode(self.views[index], "image"), device)
+        return unit_tensor(self._stored(self.files[index], "image"), device)
 
     def hair_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
         """Coverage of hair in [0, 1], undistorted, on `device`; None without a mask.
@@ -95,20 +100,27 @@ class Capture:
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
-        view = self.views[index]
-        return None if view.hair_mask_path is None else unit_tensor(self._decode(view, "hair"), device)
+        view = self.files[index]
+        return None if view.hair_mask_path is None else unit_tensor(self._stored(view, "hair"), device)
 
-    def person_mask(self, index: int) -> Float[Tensor, "height width"] | None:
-        """Coverage of the person in [0, 1], undistorted: the mask file, or else the image's alpha, or else None.
+    def person_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
+        """Coverage of the person in [0, 1], undistorted, on `device`: the mask file, or the image's alpha, or None.
 
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
-        view = self.views[index]
-        if view.person_mask_path is not None:
-            return torch.from_numpy(to_unit(self._decode(view, "person")))
-        alpha = self._decode(view, "alpha")
-        return torch.from_numpy(to_unit(alpha)) if alpha.size else None
+        view = self.files[index]
+        stored = self._stored(view, "alpha" if view.person_mask_path is None else "person")
+        return unit_tensor(stored, device) if stored.size else None
+
+    def views_on(self, device: torch.device | str = "cpu") -> Views:
+        """The photographs with cameras and masks, each read, on `device`, when it is asked for."""
+        readers = {"image": self.image, "hair_mask": self.hair_mask, "person_mask": self.person_mask}
+        return Views(
+            tuple(camera.to(device) for camera in self.cameras),
+            tuple(view.hair_mask_path is not None for view in self.files),
+            lambda index, part: readers[part](index, device),
+        )
 
     @property
     def head_path(self) -> Path | None:
@@ -143,24 +155,33 @@ class Capture:
         path = self.folder / "ground_truth.npz"
         return read_ground_truth(path) if path.is_file() else None
 
-    def _decode(self, view: View, kind: str) -> np.ndarray:
-        """Decode, check and undistort one file of a view as stored samples, or take it from the cache."""
-        paths = {"hair": view.hair_mask_path, "person": view.person_mask_path}
-        path = paths.get(kind) or view.image_path
+    def _stored(self, view: ViewFiles, part: StoredPart) -> np.ndarray:
+        """A part of a view as stored samples, undistorted, from the cache or decoded; without pixels if it is absent.
 
-        def decode() -> np.ndarray:
+        A photograph and its alpha channel are decoded together: whoever asks for one often asks for the other.
+        """
+        paths = {"hair": view.hair_mask_path, "person": view.person_mask_path}
+        path = paths.get(part) or view.image_path
+
+        def decode() -> dict[tuple, np.ndarray]:
             pixels = read_pixels(path)
-            alpha = alpha_of(pixels)
-            if kind == "alpha":
-                stored = np.zeros((0, 0), pixels.dtype) if alpha is None else alpha
-            else:
-                stored = colour_of(pixels) if kind == "image" else mask_of(pixels)
             height, width = pixels.shape[:2]
             if (width, height) != (view.lens.width, view.lens.height):
                 raise InputError(
-                    f"{path}: expected {view.lens.width} x {view.lens.height} pixels as its camera says, came "
+                    f"{path}: expected {view.lens.width} x {view.lens.height} pixels as its camera says, found "
                     f"{width} x {height}; resize the file or scale the intrinsics."
                 )
-            return view.lens.undistort(stored) if stored.size else stored
+            if part in paths:
+                parts = {part: mask_of(pixels)}
+            else:
+                alpha = alpha_of(pixels)
+                parts = {
+                    "image": colour_of(pixels),
+                    "alpha": np.zeros((0, 0), pixels.dtype) if alpha is None else alpha,
+                }
+            return {
+                (path, name, view.lens): view.lens.undistort(stored) if stored.size else stored
+                for name, stored in parts.items()
+            }
 
-        return self.cache.get((path, kind, view.lens), decode)
+        return self.cache.get((path, part, view.lens), decode)

@@ -39,8 +39,8 @@ def check_capture(folder: Path) -> list[Finding]:
 
 def _calibration(capture: Capture) -> Finding:
     sizes = sorted({(camera.width, camera.height) for camera in capture.cameras})
-    lenses = {view.lens for view in capture.views}
-    bent = sum(view.lens.distorts for view in capture.views)
+    lenses = {view.lens for view in capture.files}
+    bent = sum(view.lens.distorts for view in capture.files)
     text = f"{len(capture)} views of {', '.join(f'{width} x {height}' for width, height in sizes[:3])} pixels"
     text += f" and {len(sizes) - 3} more sizes" if len(sizes) > 3 else ""
     text += f", {len(lenses)} {'lens' if len(lenses) == 1 else 'lenses'}"

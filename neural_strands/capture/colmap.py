@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from neural_strands.capture.lens import Lens
-from neural_strands.capture.view import View, find_mask, rigid, undistorted_intrinsics
+from neural_strands.capture.view_files import ViewFiles, find_mask, rigid, undistorted_intrinsics
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 
@@ -33,7 +33,7 @@ def find_sparse_model(folder: Path) -> Path | None:
     return None
 
 
-def read_colmap(folder: Path, model: Path) -> tuple[View, ...]:
+def read_colmap(folder: Path, model: Path) -> tuple[ViewFiles, ...]:
     """Read every registered image of a sparse model, sorted by name; images lie in `folder/images` or `folder`.
 
     Raises:
@@ -188,7 +188,7 @@ def _lens(name: str, width: int, height: int, parameters: list[float], source: s
     return Lens((focal_x, focal_y, rest[0], rest[1]), (k1, k2, p1, p2, 0.0), width, height)
 
 
-def _view(folder: Path, root: Path, image: ColmapImage, lenses: dict[int, Lens], source: Path) -> View:
+def _view(folder: Path, root: Path, image: ColmapImage, lenses: dict[int, Lens], source: Path) -> ViewFiles:
     if image.camera_id not in lenses:
         raise InputError(f"{source}: {image.name}: expected a camera listed in cameras, came number {image.camera_id}.")
     lens = lenses[image.camera_id]
@@ -201,10 +201,10 @@ def _view(folder: Path, root: Path, image: ColmapImage, lenses: dict[int, Lens],
     )
     pose = rigid(camera.world_to_camera, f"{source}: {image.name}").float()
     path = root / image.name
-    return View(
+    return ViewFiles(
         Camera(camera.intrinsics.float(), pose, lens.width, lens.height, image.name),
         lens,
         path,
-        find_mask(folder / "masks", path),
-        find_mask(folder / "person_masks", path),
+        find_mask(folder / "masks", image.name),
+        find_mask(folder / "person_masks", image.name),
     )

@@ -2,7 +2,7 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
@@ -26,20 +26,21 @@ class ImageCache:
         self._images: OrderedDict[tuple, np.ndarray] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, key: tuple, decode: Callable[[], np.ndarray]) -> np.ndarray:
-        """Return the image kept under `key`, or decode it and keep it; read-only for the caller."""
+    def get(self, key: tuple, decode: Callable[[], Mapping[tuple, np.ndarray]]) -> np.ndarray:
+        """Return the image kept under `key`, or decode and keep it, with whatever else `decode` gives; read-only."""
         with self._lock:
             if key in self._images:
                 self._images.move_to_end(key)
                 return self._images[key]
-        image = decode()
+        decoded = decode()
         with self._lock:
-            if key not in self._images and image.nbytes <= self.budget:
-                self._images[key] = image
-                self.used += image.nbytes
-                while self.used > self.budget:
-                    self.used -= self._images.popitem(last=False)[1].nbytes
-        return image
+            for name, image in decoded.items():
+                if name not in self._images and image.nbytes <= self.budget:
+                    self._images[name] = image
+                    self.used += image.nbytes
+            while self.used > self.budget:
+                self.used -= self._images.popitem(last=False)[1].nbytes
+        return decoded[key]
 
 
 def read_pixels(path: Path) -> np.ndarray:

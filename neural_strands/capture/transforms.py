@@ -9,7 +9,7 @@ import torch
 
 from neural_strands.capture.images import read_pixels
 from neural_strands.capture.lens import Lens
-from neural_strands.capture.view import View, find_mask, rigid, undistorted_intrinsics
+from neural_strands.capture.view_files import ViewFiles, find_mask, rigid, undistorted_intrinsics
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 
@@ -17,7 +17,7 @@ MODELS = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"}
 """Lens models whose parameters are a subset of fl_x, fl_y, cx, cy, k1, k2, k3, p1, p2."""
 
 
-def read_transforms(path: Path) -> tuple[View, ...]:
+def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
     """Read every frame of a `transforms.json`, in the order of the file.
 
     Intrinsics stand at the top or in a frame (which wins). `mask_path` of a frame is its hair mask and
@@ -37,11 +37,12 @@ def read_transforms(path: Path) -> tuple[View, ...]:
     return tuple(_view(path, index, frame, shared) for index, frame in enumerate(frames))
 
 
-def _view(path: Path, index: int, frame: Any, shared: dict[str, Any]) -> View:
+def _view(path: Path, index: int, frame: Any, shared: dict[str, Any]) -> ViewFiles:
     source = f"{path}: frame {index}"
     if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
         raise InputError(f"{source}: expected a 'file_path' with the image's name, came none.")
     image_path = _image_path(path.parent, frame["file_path"])
+    name = _view_name(path.parent, image_path)
     lens = _lens({**shared, **frame}, image_path, source)
     try:
         pose = torch.tensor(frame.get("transform_matrix"), dtype=torch.float64)
@@ -52,14 +53,14 @@ def _view(path: Path, index: int, frame: Any, shared: dict[str, Any]) -> View:
     if pose.shape[0] == 3:
         pose = torch.cat([pose, pose.new_tensor([[0.0, 0.0, 0.0, 1.0]])])
     camera = Camera.from_opengl(
-        rigid(pose, source).float(), undistorted_intrinsics(lens), (lens.width, lens.height), image_path.name
+        rigid(pose, source).float(), undistorted_intrinsics(lens), (lens.width, lens.height), name
     )
-    return View(
+    return ViewFiles(
         camera,
         lens,
         image_path,
-        _mask_path(path.parent, frame.get("mask_path"), "masks", image_path),
-        _mask_path(path.parent, frame.get("person_mask_path"), "person_masks", image_path),
+        _mask_path(path.parent, frame.get("mask_path"), "masks", name),
+        _mask_path(path.parent, frame.get("person_mask_path"), "person_masks", name),
     )
 
 
@@ -70,8 +71,16 @@ def _image_path(folder: Path, name: str) -> Path:
     return path
 
 
-def _mask_path(folder: Path, name: str | None, default: str, image_path: Path) -> Path | None:
-    return folder / name if name else find_mask(folder / default, image_path)
+def _view_name(folder: Path, image_path: Path) -> str:
+    """A view is called by its place below `images/`, as COLMAP does, or by its file name where it lies elsewhere."""
+    root = folder / "images"
+    if image_path.is_relative_to(root) and ".." not in image_path.relative_to(root).parts:
+        return image_path.relative_to(root).as_posix()
+    return image_path.name
+
+
+def _mask_path(folder: Path, given: str | None, default: str, name: str) -> Path | None:
+    return folder / given if given else find_mask(folder / default, name)
 
 
 def _lens(values: dict[str, Any], image_path: Path, source: str) -> Lens:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    import numpy as np
+    pass
 
 
 @dataclass(frozen=True)
@@ -62,26 +62,11 @@ class HeadCheck:
             "roots": len(roots),
         }
         if self.picture is not None:
-            _draw(self.picture, head.scalp_uv.numpy(), roots.uv.numpy())
+            from neural_strands.pictures.encoding import write_png
+            from neural_strands.pictures.plots import chart_plot
+
+            write_png(self.picture, chart_plot(head.scalp_uv, roots.uv))
         if self.json:
             sys.stdout.write(json.dumps(figures) + "\n")
             return
         sys.stdout.write("".join(f"{name.replace('_', ' '):<20}{value}\n" for name, value in figures.items()))
-
-
-def _draw(path: Path, uv: "np.ndarray", roots: "np.ndarray") -> None:
-    """Draw the chart's faces and the roots on it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
-
-    from neural_strands.foundation.files import atomic_file
-
-    figure = Figure(figsize=(8, 8), dpi=120)
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.09, 0.07, 0.9, 0.9))
-    axes.add_collection(PolyCollection(list(uv), facecolor="#dfe7f0", edgecolor="#8899aa", linewidth=0.4))
-    axes.scatter(roots[:, 0], roots[:, 1], s=3, color="#b04a2f")
-    axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="u (right)", ylabel="v (towards the nape)", aspect="equal")
-    with atomic_file(path) as temporary:
-        figure.savefig(temporary)

@@ -54,13 +54,11 @@ class Lmvs:
     def run(self) -> None:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
-        from neural_strands.fitting.stereo import capture_views, moved
         from neural_strands.lmvs.files import save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
         from neural_strands.lmvs.strokes import lift_stroke, read_strokes
-        from neural_strands.lmvs.views import reduced
 
         if not 0 < math.hypot(*self.up) < math.inf:
             raise InputError(f"--up: expected three finite numbers that are not all zero, came {self.up}.")
@@ -72,13 +70,13 @@ class Lmvs:
             capture = capture.subset(self.views)
         # Read before the hours of stereo, lifted after them.
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
-        views = capture_views(capture)
-        if self.size is not None:
-            views = [reduced(view, self.size) for view in views]
-        config = LmvsConfig(complete=self.complete)
         device = pick_device(self.device)
-        there, head = [moved(view, device) for view in views], None if capture.head is None else capture.head.to(device)
-        segments = reconstruct(there, head, config, seeded(self.seed), self.out / "work", track).to("cpu")
+        views = capture.views_on(device)
+        if self.size is not None:
+            views = views.reduced(self.size)
+        config = LmvsConfig(complete=self.complete)
+        head = None if capture.head is None else capture.head.to(device)
+        segments = reconstruct(views, head, config, seeded(self.seed), self.out / "work", track).to("cpu")
         strokes = [lift_stroke(stroke, segments) for stroke in drawn]
         x, y, z = (axis / math.hypot(*self.up) for axis in self.up)
         segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig(), (x, y, z))

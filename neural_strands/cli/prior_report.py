@@ -14,9 +14,9 @@ from neural_strands.foundation.errors import InputError
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from neural_strands.pictures.plots import Panel
     from neural_strands.prior.errors import ReconstructionError
     from neural_strands.prior.pca import StrandPca
-    from neural_strands.prior.pictures import Panel
     from neural_strands.prior.vae import StrandPrior
 
 
@@ -81,9 +81,10 @@ class PriorReport:
             if not self.json:
                 sys.stdout.write(_table(name, errors))
         if self.picture is not None:
-            from neural_strands.prior.pictures import draw_panels
+            from neural_strands.pictures.encoding import write_png
+            from neural_strands.pictures.plots import panels_plot
 
-            draw_panels(self.picture, panels, labels, "true (black), encoded and decoded (red); cm")
+            write_png(self.picture, panels_plot(panels, labels, "true (black), encoded and decoded (red); cm"))
         if self.json:
             sys.stdout.write(json.dumps(report) + "\n")
 
@@ -115,8 +116,8 @@ def _names(paths: tuple[Path, ...]) -> list[str]:
 
 def _panels(prior: "StrandPrior", strands: "Tensor") -> "list[Panel]":
     """The two worst, three about the median and the two best strands, true and decoded."""
+    from neural_strands.pictures.plots import Panel
     from neural_strands.prior.errors import strand_errors
-    from neural_strands.prior.pictures import Panel
 
     decoded = prior.decode(prior.encode(strands))
     error = strand_errors(decoded, strands)

@@ -13,7 +13,7 @@ from neural_strands.cli.device import DeviceName, pick_device, seeded
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from neural_strands.prior.pictures import Panel
+    from neural_strands.pictures.plots import Panel
     from neural_strands.prior.vae import StrandPrior
 
 REACH = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
@@ -48,9 +48,10 @@ class PriorTraverse:
         """Measure, draw, print."""
         import torch
 
-        from neural_strands.foundation.files import atomic_file
+        from neural_strands.foundation.files import write_json
+        from neural_strands.pictures.encoding import write_png
+        from neural_strands.pictures.plots import Panel, panels_plot
         from neural_strands.prior.curves import synthetic_curves
-        from neural_strands.prior.pictures import Panel, draw_panels
         from neural_strands.prior.traversal import MEASURES, traverse
         from neural_strands.prior.vae import load_prior
 
@@ -65,12 +66,14 @@ class PriorTraverse:
         labels = [f"{name}\nr = {float(r):.2f}" for name, r in zip(MEASURES, result.direction_correlation, strict=True)]
         rows += [_along(prior, unit[index]) for index in order[: self.latents]]
         labels += [f"latent {index}\n{float(result.effect_mm[index]):.1f} mm" for index in order[: self.latents]]
-        draw_panels(self.out / "traversal.png", rows, labels, "strands along latent directions, in deviations; cm")
+        legend = "strands along latent directions, in deviations; cm"
+        write_png(self.out / "traversal.png", panels_plot(rows, labels, legend))
         strands = prior.decode(drawn[:50]).unflatten(0, (5, 10))
-        draw_panels(self.out / "samples.png", [[Panel((s,)) for s in row] for row in strands], (), "samples of N(0, I)")
+        samples = [[Panel((strand,)) for strand in row] for row in strands]
+        write_png(self.out / "samples.png", panels_plot(samples, (), "samples of N(0, I)"))
         ends = prior.encode(synthetic_curves(12, generator).to(device)).unflatten(0, (6, 2))
         between = [_between(prior, first, last) for first, last in ends]
-        draw_panels(self.out / "interpolation.png", between, (), "between two synthetic curves")
+        write_png(self.out / "interpolation.png", panels_plot(between, (), "between two synthetic curves"))
         numbers = {
             "directions": {
                 name: {
@@ -83,8 +86,7 @@ class PriorTraverse:
             },
             "latents_by_effect": [{"latent": i, "effect_mm": float(result.effect_mm[i])} for i in order],
         }
-        with atomic_file(self.out / "traversal.json") as temporary:
-            temporary.write_text(json.dumps(numbers, indent=1))
+        write_json(self.out / "traversal.json", numbers)
         if self.json:
             sys.stdout.write(json.dumps(numbers) + "\n")
             return
@@ -98,7 +100,7 @@ class PriorTraverse:
 
 def _along(prior: "StrandPrior", direction: "Tensor") -> "list[Panel]":
     """Strands at places along a direction from the mean."""
-    from neural_strands.prior.pictures import Panel
+    from neural_strands.pictures.plots import Panel
 
     places = direction.new_tensor(REACH)
     strands = prior.decode(places[:, None] * direction)
@@ -109,7 +111,7 @@ def _between(prior: "StrandPrior", first: "Tensor", last: "Tensor") -> "list[Pan
     """Strands on the straight line between two latents."""
     import torch
 
-    from neural_strands.prior.pictures import Panel
+    from neural_strands.pictures.plots import Panel
 
     shares = torch.linspace(0, 1, 7, device=first.device)
     strands = prior.decode(torch.lerp(first[None], last[None], shares[:, None]))

@@ -96,9 +96,11 @@ class Render:
 
     def _cameras(self, strands: "Strands") -> "list[Camera]":
         from neural_strands.capture.transforms import read_transforms
-        from neural_strands.model.turntable import turntable_cameras
+        from neural_strands.geometry.turntable import turntable_cameras
 
         if self.camera is None:
+            if not strands.points.isfinite().any():
+                raise InputError("--turntable: expected a model with strands to turn around, found none; use --camera.")
             return turntable_cameras(strands.points, self.turntable or 1, self.size or (512, 512))
         if not self.camera.is_file():
             raise InputError(f"{self.camera}: expected a transforms.json with cameras, found no file.")
@@ -106,25 +108,24 @@ class Render:
         return cameras if self.size is None else [camera.resized(*self.size) for camera in cameras]
 
     def _frame(self, output: "RenderOutput") -> "np.ndarray":
-        """One frame as 8-bit BGR, or BGRA with `alpha`."""
+        """One frame as 8-bit RGB, with opacity where `alpha` asks for it."""
         import torch
 
-        image = torch.cat([output.hair_rgb, output.alpha[..., None]], dim=-1) if self.alpha else output.rgb
-        order = [2, 1, 0, 3] if self.alpha else [2, 1, 0]
-        return image[..., order].clamp(0, 1).mul(255).round().byte().cpu().numpy()
+        from neural_strands.pictures.encoding import to_bytes
+
+        return to_bytes(torch.cat([output.hair_rgb, output.alpha[..., None]], dim=-1) if self.alpha else output.rgb)
 
     @contextmanager
     def _writer(self, first: "Camera") -> "Iterator[Callable[[str, np.ndarray], None]]":
         """A function that takes the frames one by one, and puts them where `out` says."""
         import cv2
 
+        from neural_strands.pictures.encoding import write_png
+
         if self.out.suffix.lower() not in VIDEO_SUFFIXES:
 
             def write_image(name: str, frame: "np.ndarray") -> None:
-                path = self.out / f"{Path(name).stem}.png"
-                with atomic_file(path) as temporary:
-                    if not cv2.imwrite(str(temporary), frame):
-                        raise InputError(f"{path}: expected room to write an image, could not; free disk space.")
+                write_png((self.out / name).with_suffix(".png"), frame)
 
             yield write_image
             return
@@ -138,7 +139,8 @@ class Render:
                 )
 
             def write_frame(_: str, frame: "np.ndarray") -> None:
-                video.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
+                sized = frame if frame.shape[1::-1] == size else cv2.resize(frame, size)
+                video.write(cv2.cvtColor(sized, cv2.COLOR_RGB2BGR))
 
             try:
                 yield write_frame

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
-from neural_strands.fitting.observation import Observation
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
 from neural_strands.raster.texture import sample_texture
@@ -22,7 +22,7 @@ TINY = 1e-6
 """Weight below which nothing was seen."""
 
 
-def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
+def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
     """Set the colours of body and background, and the first three channels of Z_a, which start as the hair's colour.
 
     Args:
@@ -47,7 +47,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Sequence[Obs
 
 @torch.no_grad()
 def strand_colours(
-    model: HairModel, strands: Strands, targets: Sequence[Observation]
+    model: HairModel, strands: Strands, targets: Views | Sequence[View]
 ) -> tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]:
     """Mean colour of the pixels that see each strand, weighted by the hair mask, and the sum of the weights."""
     device = strands.points.device
@@ -56,8 +56,8 @@ def strand_colours(
         lines = model.draw(strands, target.camera).lines
         visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
         sure = visible.weight
-        if target.mask is not None:
-            sure = sure * target.mask.reshape(-1)[visible.pixel]
+        if target.hair_mask is not None:
+            sure = sure * target.hair_mask.reshape(-1)[visible.pixel]
         total.index_add_(0, visible.strand, target.image.reshape(-1, 3)[visible.pixel] * sure[:, None])
         weight.index_add_(0, visible.strand, sure)
     return total / weight.clamp(min=TINY)[:, None], weight
@@ -88,7 +88,7 @@ def filled(
     return torch.where(weight > TINY, mean, around)
 
 
-def _surround(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> None:
+def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
     """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it.
 
     The body is looked for between hair too, in its shadow; the background only where there is next to none.
@@ -115,8 +115,8 @@ def _surround(model: HairModel, strands: Strands, targets: Sequence[Observation]
 
 
 @torch.no_grad()
-def _hair(model: HairModel, strands: Strands, target: Observation) -> Float[Tensor, "height width"]:
+def _hair(model: HairModel, strands: Strands, target: View) -> Float[Tensor, "height width"]:
     """How much of each pixel is hair: as its mask says or, without one, as strands are drawn."""
-    if target.mask is not None:
-        return target.mask
+    if target.hair_mask is not None:
+        return target.hair_mask
     return drawn_share(model.draw(strands, target.camera).lines, model.config.supersample)

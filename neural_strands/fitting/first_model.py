@@ -9,7 +9,6 @@ from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.first_strands import flow_latents, hair_flow, texture_from_latents
 from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
-from neural_strands.fitting.masked_views import MaskedViews
 from neural_strands.model.hair_model import HairModel
 from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.scalp.roots import sample_roots
@@ -33,7 +32,7 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     model = HairModel(config.model, roots, prior.generator, data.head.to("cpu").mesh, random).to(device)
     if config.initialise == "flow":
         roots, mesh = roots.to(device), data.head.mesh
-        flow = hair_flow(data.segments, MaskedViews.of(data.capture, device), mesh, roots, config.initial)
+        flow = hair_flow(data.segments, data.views, mesh, roots, config.initial)
         latents = flow_latents(flow, roots, prior, replace(config.initial.trace, points=config.model.points))
         model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
     return model

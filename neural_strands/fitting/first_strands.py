@@ -6,7 +6,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.fitting.masked_views import MaskedViews
 from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions
 from neural_strands.flow.grid import VoxelGrid
@@ -16,6 +15,7 @@ from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.point_queries import nearest
+from neural_strands.geometry.views import Views
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
@@ -35,12 +35,12 @@ class InitialConfig:
     """Streamlines from the scalp."""
 
 
-def hair_flow(segments: LineSegments, views: MaskedViews, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:
+def hair_flow(segments: LineSegments, views: Views, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:
     """Directions and extent of the hair, from segments, masks (where there are any) and the scalp."""
     known = torch.cat([segments.points, roots.position])
     grid = VoxelGrid.around(known, config.flow.spacing, config.flow.margin)
-    if views.masked:
-        domain = hair_hull(grid, views, head, config.hull)
+    if any(views.has_hair_mask):
+        domain = hair_hull(grid, views.hair_masks(), head, config.hull)
     else:
         domain = covered_volume(grid, segments.points, head, config.hull)
     smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow)

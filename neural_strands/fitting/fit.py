@@ -19,10 +19,11 @@ from neural_strands.fitting.first_colours import initialise_colours
 from neural_strands.fitting.fit_data import FitData, random_region
 from neural_strands.fitting.geometry_step import hold_unreleased, shape_losses
 from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
-from neural_strands.fitting.observation import Observation, Place
+from neural_strands.fitting.regions import inner_part
 from neural_strands.fitting.schedule import appearance_begins, blur_width, rate_factor, released_points
 from neural_strands.fitting.strand_width import estimate_width
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import View
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
 
@@ -165,7 +166,7 @@ def _image_part(
     sums = {"render": nothing, "perceptual": nothing, "alpha": nothing}
     for place in workers.share(config.views_per_step):
         random = step_generator(config, state.step, 1 + place)
-        view = int(torch.randint(len(data.capture), (1,), generator=random))
+        view = int(torch.randint(len(data.views), (1,), generator=random))
         target, trimap = random_region(data, view, config.crop, model.config.unet.stride, config.trimap, random)
         points = state.drawn
         if shape_moves and weights.shape_from_image > 0:
@@ -173,7 +174,7 @@ def _image_part(
         strands = Strands(points, root_uv=model.root_uv)
         output = model.render(strands, target.camera, config.schedule.appearance_blur)
         height, width = trimap.alpha.shape
-        inner = Place(0, 0, width, height).without_margin(config.margin).of
+        inner = inner_part((height, width), config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)
         parts = {
             "render": weights.render * rendering_loss(image, photograph),
@@ -187,7 +188,7 @@ def _image_part(
     return sums
 
 
-def _with_gradient(state: FitState, target: Observation, config: FitConfig) -> Float[Tensor, "root point 3"]:
+def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Tensor, "root point 3"]:
     """All strands, those that the view sees decoded with a gradient (scaled) into the shape texture."""
     model = state.model
     body = model.body(target.camera)
@@ -207,8 +208,8 @@ def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
         _decode_all(state, config)
     strands = Strands(state.drawn, root_uv=state.model.root_uv)
     if config.trimap.mattes:
-        state.model.lines = estimate_width(state.model, strands, data.observations())
-    initialise_colours(state.model, strands, data.observations())
+        state.model.lines = estimate_width(state.model, strands, data.views)
+    initialise_colours(state.model, strands, data.views)
 
 
 @torch.no_grad()

@@ -1,23 +1,22 @@
 """What a fit looks at: the training views one at a time, the line segments, the head."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import training_views
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.losses import OrientedTargets
-from neural_strands.fitting.observation import Observation, random_place
+from neural_strands.fitting.regions import random_square
 from neural_strands.fitting.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.geometry.views import View, Views
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.scalp.head import Head
 
@@ -32,55 +31,24 @@ class FitData:
     """The inputs of a fit, on its device; images stay on disk until a step asks for them.
 
     Attributes:
-        capture: the training views alone.
+        views: the training views alone.
         head: mesh and scalp chart.
         segments: oriented line segments.
         targets: their points, indexed for the geometric loss.
         distance: signed distance to the head, on a grid around the hair.
     """
 
-    capture: Capture
+    views: Views
     head: Head
     segments: LineSegments
     targets: OrientedTargets
     distance: SignedDistanceGrid
 
-    def observation(self, view: int) -> Observation:
-        """A training view: camera, photograph, hair mask if there is one."""
-        device = self.segments.points.device
-        camera = self.capture.cameras[view].to(device)
-        return Observation(camera, self.capture.image(view, device), self.capture.hair_mask(view, device))
-
-    def observations(self) -> Sequence[Observation]:
-        """All training views, each read when its turn comes."""
-        return _Observations(self)
-
-    def marked(self, target: Observation) -> Bool[Tensor, "height width"]:
+    def marked(self, target: View) -> Bool[Tensor, "height width"]:
         """Where a view shows hair: its mask or, without one, the rasterised segments."""
-        if target.mask is not None:
-            return target.mask > 0.5
-        return rasterise_lines(segment_lines(self.segments), target.camera).segment >= 0
-
-
-class _Observations(Sequence[Observation]):
-    """The training views as a sequence that holds none of them."""
-
-    def __init__(self, data: FitData) -> None:
-        self._data = data
-
-    def __len__(self) -> int:
-        return len(self._data.capture)
-
-    @overload
-    def __getitem__(self, index: int) -> Observation: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Observation]: ...
-    def __getitem__(self, index: int | slice) -> Observation | Sequence[Observation]:
-        if isinstance(index, slice):
-            return [self[place] for place in range(*index.indices(len(self)))]
-        if not 0 <= index < len(self):
-            raise IndexError(index)
-        return self._data.observation(index)
+        if target.hair_mask is not None:
+            return target.hair_mask > 0.5
+        return rasterise_lines(self.segments.lines(), target.camera).segment >= 0
 
 
 def gather_fit_data(
@@ -103,7 +71,7 @@ def gather_fit_data(
     segments, head = segments.to(device), head.to(device)
     grid = PointGrid.build(segments.points, config.chamfer.surface_radius / 2)
     return FitData(
-        capture=seen,
+        views=seen.views_on(device),
         head=head,
         segments=segments,
         targets=OrientedTargets(segments.points, segments.directions, grid),
@@ -113,21 +81,15 @@ def gather_fit_data(
 
 def random_region(
     data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
-) -> tuple[Observation, Trimap]:
+) -> tuple[View, Trimap]:
     """A random square of a training view about hair, with the alpha that it is held to."""
-    whole = data.observation(view)
+    whole = data.views[view]
     marked = data.marked(whole)
-    place = random_place(marked, (whole.camera.height, whole.camera.width), side, stride, random)
+    place = random_square(marked, (whole.camera.height, whole.camera.width), side, stride, random)
     part = whole.cropped(place)
-    if whole.mask is not None:
-        return part, reference_alpha(whole.mask, place, trimap)
+    if whole.hair_mask is not None:
+        return part, reference_alpha(whole.hair_mask, place, trimap)
     return part, trimap_of_part(marked, place, trimap)
-
-
-def segment_lines(segments: LineSegments) -> Float[Tensor, "line 2 3"]:
-    """Every two consecutive points of a segment, as a strand of two points."""
-    together = segments.segment_id[1:] == segments.segment_id[:-1]
-    return torch.stack([segments.points[:-1][together], segments.points[1:][together]], dim=1)
 
 
 def check_views(capture: Capture) -> None:

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import torch
 
-from neural_strands.fitting.observation import Observation
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import LineConfig, rasterise_lines
@@ -26,7 +26,7 @@ VIEWS = 4
 
 
 @torch.no_grad()
-def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observation]) -> LineConfig:
+def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> LineConfig:
     """Choose the width by the squared difference between coverage and hair masks.
 
     Args:
@@ -38,7 +38,8 @@ def estimate_width(model: HairModel, strands: Strands, targets: Sequence[Observa
         How to draw strands; as the model does now where there is no mask, or none of the widths does better.
     """
     pick = torch.linspace(0, len(targets) - 1, min(VIEWS, len(targets))).round().long().tolist()
-    masked = [(target, target.mask) for target in (targets[index] for index in pick) if target.mask is not None]
+    asked = [targets[index] for index in pick]
+    masked = [(target, target.hair_mask) for target in asked if target.hair_mask is not None]
     if not masked:
         return model.lines
     factor = model.config.supersample

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.fitting.observation import Place
+from neural_strands.geometry.rectangle import Rectangle
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Trimap:
     supervised: Bool[Tensor, "height width"]
 
 
-def reference_alpha(mask: Float[Tensor, "height width"], place: Place, config: TrimapConfig) -> Trimap:
+def reference_alpha(mask: Float[Tensor, "height width"], place: Rectangle, config: TrimapConfig) -> Trimap:
     """What a part of a view with a hair mask is held to."""
     if not config.mattes:
         return trimap_of_part(mask > 0.5, place, config)
@@ -43,14 +43,11 @@ def reference_alpha(mask: Float[Tensor, "height width"], place: Place, config: T
     return Trimap(matte, torch.ones_like(matte, dtype=torch.bool))
 
 
-def make_trimap(lines: Bool[Tensor, "height width"], config: TrimapConfig | None = None) -> Trimap:
-    """Dilate the rasterised line segments, then erode: outside the first is empty, inside the second opaque."""
-    height, width = lines.shape
-    return trimap_of_part(lines, Place(0, 0, width, height), config)
+def trimap_of_part(lines: Bool[Tensor, "height width"], place: Rectangle, config: TrimapConfig | None = None) -> Trimap:
+    """Dilate the rasterised line segments, then erode: outside the first is empty, inside the second opaque.
 
-
-def trimap_of_part(lines: Bool[Tensor, "height width"], place: Place, config: TrimapConfig | None = None) -> Trimap:
-    """What `make_trimap` says of a part of the image, from that part and as much around it as discs reach."""
+    Computed for a part of the image, from that part and as much around it as the discs reach.
+    """
     config = config or TrimapConfig()
     diagonal = (lines.shape[0] ** 2 + lines.shape[1] ** 2) ** 0.5
     grow, shrink = round(config.dilation * diagonal), round(config.erosion * diagonal)
@@ -60,7 +57,7 @@ def trimap_of_part(lines: Bool[Tensor, "height width"], place: Place, config: Tr
     lines = lines[top : place.top + place.height + around, left : place.left + place.width + around]
     covered = dilate(lines, grow)
     interior = ~dilate(~dilate(lines, first), second)
-    part = Place(place.left - left, place.top - top, place.width, place.height).of
+    part = Rectangle(place.left - left, place.top - top, place.width, place.height).of
     return Trimap(part(interior).to(torch.float32), part(interior | ~covered))
 
 

@@ -1,11 +1,13 @@
 """Files that are either whole or absent: write beside the target, then rename."""
 
 import io
+import json
 import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -32,6 +34,16 @@ def atomic_file(path: Path) -> Iterator[Path]:
         # Where the folder itself could not be made there is nothing to remove.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a JSON document.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=1), encoding="utf-8")
 
 
 def tensor_bytes(content: object) -> memoryview:

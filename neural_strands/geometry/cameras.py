@@ -1,6 +1,5 @@
 """Pinhole cameras: OpenCV axes (x right, y down, z forward), intrinsics in pixels, pixel centres at +0.5."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -177,8 +176,3 @@ def quaternion_to_matrix(quaternion: Float[Tensor, "4"]) -> Float[Tensor, "3 3"]
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return torch.stack([torch.stack(row) for row in rows])
-
-
-def mean_position(cameras: Sequence[Camera]) -> Float[Tensor, "3"]:
-    """Average optical centre of several cameras."""
-    return torch.stack([camera.position for camera in cameras]).mean(dim=0)

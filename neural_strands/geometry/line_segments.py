@@ -33,6 +33,11 @@ class LineSegments:
         """Number of chains."""
         return int(self.segment_id[-1]) + 1 if len(self) else 0
 
+    def lines(self) -> Float[Tensor, "line 2 3"]:
+        """Every two consecutive points of a segment, as a strand of two points."""
+        together = self.segment_id[1:] == self.segment_id[:-1]
+        return torch.stack([self.points[:-1][together], self.points[1:][together]], dim=1)
+
     def select(self, keep: Tensor) -> "LineSegments":
         """Keep the points selected by a boolean or integer index; ids are renumbered without gaps."""
         kept_id = self.segment_id[keep]

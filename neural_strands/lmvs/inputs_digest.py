@@ -8,10 +8,10 @@ from torch import Tensor
 
 from neural_strands import __version__
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs.views import View
+from neural_strands.geometry.views import Views
 
 
-def inputs_digest(views: Sequence[View], head: Mesh | None, settings: Iterable[object]) -> str:
+def inputs_digest(views: Views, head: Mesh | None, settings: Iterable[object]) -> str:
     """Digest of photographs, masks, cameras, head, settings and this program's version.
 
     Args:
@@ -20,11 +20,11 @@ def inputs_digest(views: Sequence[View], head: Mesh | None, settings: Iterable[o
         settings: whatever else changes results; `repr` must tell two of them apart.
     """
     digest = hashlib.sha256(repr([__version__, *settings]).encode())
-    for view in views:
-        camera = view.camera
+    for index, camera in enumerate(views.cameras):
         digest.update(repr((camera.name, camera.width, camera.height)).encode())
-        arrays = [camera.intrinsics, camera.world_to_camera, view.load_image()]
-        _add(digest, [*arrays, view.load_mask()] if view.load_mask is not None else arrays)
+        arrays = [camera.intrinsics, camera.world_to_camera, views.image(index)]
+        mask = views.hair_mask(index)
+        _add(digest, arrays if mask is None else [*arrays, mask])
     if head is not None:
         _add(digest, [head.vertices, head.faces])
     return digest.hexdigest()

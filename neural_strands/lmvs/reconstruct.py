@@ -18,6 +18,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import signed_distance
+from neural_strands.geometry.views import Views
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.connected_hair import large_masses
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
@@ -39,7 +40,6 @@ from neural_strands.lmvs.search_range import (
     warp_mesh,
 )
 from neural_strands.lmvs.view_cache import ViewCache
-from neural_strands.lmvs.views import View
 
 log = logging.getLogger(__name__)
 
@@ -103,7 +103,7 @@ class _Scene:
 
 
 def reconstruct(
-    views: Sequence[View],
+    views: Views,
     head: Mesh | None,
     config: LmvsConfig,
     generator: torch.Generator,
@@ -133,11 +133,11 @@ def reconstruct(
         if folder is not None:
             work.keep_only(inputs_digest(views, head, _of_views(config, seed)))
         good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
-        good = _well_placed([view.camera for view in views], good, head, work)
+        good = _well_placed(views.cameras, good, head, work)
         if len(good) < 2:
             raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
         scene = _survey(views, good, head, config, work)
-        cameras = [view.camera for view in views]
+        cameras = views.cameras
         for i in track(good, "lines", len(good)):
             if not work.has_lines(i):
                 neighbours = _neighbours(cameras, good, i, scene.region, config.least_baseline)
@@ -197,17 +197,17 @@ def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, 
     return [i for i, fine in zip(good, kept, strict=True) if fine]
 
 
-def _survey(views: Sequence[View], good: list[int], head: Mesh | None, config: LmvsConfig, work: ViewCache) -> _Scene:
+def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig, work: ViewCache) -> _Scene:
     """Find where the hair is, and carve its hull."""
-    cameras = [views[i].camera for i in good]
-    masked = any(views[i].load_mask is not None for i in good)
+    cameras = [views.cameras[i] for i in good]
+    masked = any(views.has_hair_mask[i] for i in good)
     region = find_region(cameras, [work.features(i).box for i in good], masked)
     check_scene(region, head)
     footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
     footprint = float(torch.tensor(footprints).median())
     mesh = None if head is None else warp_mesh(head)
     carver = Carver(region, config.voxel * footprint)
-    sights = [sight_of(views[i].camera, work.features(i).silhouette, mesh) for i in good]
+    sights = [sight_of(views.cameras[i], work.features(i).silhouette, mesh) for i in good]
     for sight in sights:
         carver.add(sight)
     return _Scene(work, region, carver.hull(), mesh, sights, footprint, masked)

@@ -2,17 +2,16 @@
 
 import logging
 from collections import OrderedDict
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from neural_strands.foundation.files import atomic_file
+from neural_strands.geometry.views import Views
 from neural_strands.lmvs.features import Features, view_features
 from neural_strands.lmvs.orientation import OrientationConfig
 from neural_strands.lmvs.patchmatch import LineMap
-from neural_strands.lmvs.views import View
 
 log = logging.getLogger(__name__)
 
@@ -27,7 +26,7 @@ LEAST_HAIR = 64
 class ViewCache:
     """Per-view results in a folder, the latest few in memory."""
 
-    def __init__(self, folder: Path, views: Sequence[View], config: OrientationConfig) -> None:
+    def __init__(self, folder: Path, views: Views, config: OrientationConfig) -> None:
         """Use `folder`; what it holds of these views is used again (see `keep_only`)."""
         self.folder, self.views, self.config = folder, views, config
         self._features: OrderedDict[int, Features] = OrderedDict()
@@ -55,7 +54,7 @@ class ViewCache:
         elif float(features.texture[features.hair][:, 2].mean()) < LEAST_CONFIDENCE:
             fault = "no texture where the hair should be (a black, saturated or empty image)"
         if fault is not None:
-            log.warning("%s: %s; the view is left out.", self.views[index].camera.name or f"view {index}", fault)
+            log.warning("%s: %s; the view is left out.", self.views.cameras[index].name or f"view {index}", fault)
         return fault is None
 
     def features(self, index: int) -> Features:
@@ -66,12 +65,11 @@ class ViewCache:
                 with np.load(path) as stored:
                     arrays = {name: torch.from_numpy(stored[name]).to(self._device(index)) for name in stored.files}
                 features = Features(
-                    self.views[index].camera, arrays["texture"].float(), arrays["hair"], arrays["silhouette"]
+                    self.views.cameras[index], arrays["texture"].float(), arrays["hair"], arrays["silhouette"]
                 )
             else:
-                view = self.views[index]
-                mask = None if view.load_mask is None else view.load_mask()
-                features, _ = view_features(view.camera, view.load_image(), mask, self.config)
+                mask = self.views.hair_mask(index)
+                features, _ = view_features(self.views.cameras[index], self.views.image(index), mask, self.config)
                 with atomic_file(path) as temporary:
                     np.savez(
                         temporary,
@@ -109,9 +107,9 @@ class ViewCache:
 
     def _device(self, index: int) -> torch.device:
         """Where a view is worked on."""
-        return self.views[index].camera.intrinsics.device
+        return self.views.cameras[index].intrinsics.device
 
     def _path(self, index: int, kind: str) -> Path:
-        name = self.views[index].camera.name or f"{index:04d}"
+        name = self.views.cameras[index].name or f"{index:04d}"
         safe = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
         return self.folder / f"{kind}_{index:04d}_{safe}.npz"

@@ -22,6 +22,7 @@ from neural_strands.evaluation.oriented_points import sample_segments, sample_st
 from neural_strands.evaluation.timing import time_function
 from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, mean_quality, view_qualities
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.views import View
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.renderer import HairRenderer
@@ -134,8 +135,9 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         ours = score_geometry(mine, true_points, THRESHOLDS)
         lmvs = score_geometry(sample_segments(run.segments), true_points, THRESHOLDS, with_consistency=False)
     metric, absent = find_lpips(TRAINING_NETWORK, device)
-    views = view_qualities((_rendered_view(run, index, device) for index in run.shown), metric)
-    camera = run.capture.cameras[run.shown[0]].to(device)
+    photographs = run.capture.views_on(device)
+    views = view_qualities((_rendered_view(run.renderer, photographs[index]) for index in run.shown), metric)
+    camera = photographs.cameras[run.shown[0]]
     with torch.no_grad():
         decode = time_function(run.renderer.model.decode, device, runs=3)
     render = time_function(lambda: run.renderer.render(camera), device, runs=3)
@@ -166,9 +168,7 @@ def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
     return series
 
 
-def _rendered_view(run: RunContents, index: int, device: torch.device) -> RenderedView:
+def _rendered_view(renderer: HairRenderer, view: View) -> RenderedView:
     """A view as the model renders it, beside its photograph."""
-    camera = run.capture.cameras[index].to(device)
-    output = run.renderer.render(camera)
-    photograph, mask = run.capture.image(index, device), run.capture.hair_mask(index, device)
-    return RenderedView(camera.name, output.rgb.clamp(0, 1), photograph, mask, output.alpha)
+    output = renderer.render(view.camera)
+    return RenderedView(view.camera.name, output.rgb.clamp(0, 1), view.image, view.hair_mask, output.alpha)

@@ -84,7 +84,7 @@ def forecast(
     fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:3]), sum(sorted(seconds[3:])[:2]) / 2
     plain = appearance_begins(config.steps, config.schedule)
-    size = sum(view.camera.width * view.camera.height for view in data.capture.views) / 1e6
+    size = sum(camera.width * camera.height for camera in data.views.cameras) / 1e6
     return Forecast(
         stereo_seconds=STEREO_SECONDS * size if with_stereo else 0.0,
         shape_seconds=shape,

@@ -7,10 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.evaluation.pictures import png
 from neural_strands.fitting.first_colours import strand_colours
 from neural_strands.fitting.fit_data import FitData
-from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
@@ -18,6 +16,7 @@ from neural_strands.grooms.io import write_groom
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.renderer import HairRenderer
+from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.run_folder import RunFolder
 
 HAIR_WIDTH = 7e-5
@@ -50,7 +49,7 @@ def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand p
 @torch.no_grad()
 def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
     """Linear RGB of each strand: mean of the pixels that see it; a strand that none sees takes its neighbour's."""
-    colours, weight = strand_colours(model, strands, data.observations())
+    colours, weight = strand_colours(model, strands, data.views)
     known = weight > 0
     if known.any() and not known.all():
         roots = strands.points[:, 0]
@@ -61,10 +60,9 @@ def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Te
 
 def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
     """A training view as the model renders it now, beside its photograph."""
-    target = data.observation(0)
+    target = data.views[0]
     output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(target.camera)
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(png(torch.cat([output.rgb, target.image], dim=1)))
+    write_png(path, torch.cat([output.rgb, target.image], dim=1))
 
 
 def srgb_to_linear(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:

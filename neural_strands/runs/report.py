@@ -6,13 +6,14 @@ from torch import Tensor
 
 from neural_strands.evaluation.geometry_metrics import GeometryScore
 from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
-from neural_strands.evaluation.pictures import curves, difference, geometry_picture, overlay, png, strip
 from neural_strands.evaluation.view_quality import HEADS, mean_quality
-from neural_strands.fitting.fit_data import segment_lines
-from neural_strands.fitting.observation import Place
 from neural_strands.fitting.trimap import reference_alpha
-from neural_strands.foundation.files import atomic_file
-from neural_strands.model.turntable import turntable_cameras
+from neural_strands.geometry.rectangle import Rectangle
+from neural_strands.geometry.turntable import turntable_cameras
+from neural_strands.pictures.encoding import encode_png, encode_webp, write_png
+from neural_strands.pictures.fields import difference_picture
+from neural_strands.pictures.lines import lines_over_photograph, lines_picture
+from neural_strands.pictures.plots import curves_plot
 from neural_strands.runs.evaluate import Evaluation, RunContents, read_losses
 from neural_strands.runs.run_folder import read_description
 
@@ -27,7 +28,7 @@ PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811", "", "", "", "",
 PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
 MOST_VIEWS = 4
 TURN_FRAMES, STILL_EVERY = 24, 3
-"""Frames of the turntable, and every how manieth is shown as a still too."""
+"""Frames of the turntable, and the step between those that are shown as stills too."""
 TURN_SIDE = 512
 """Largest side of a frame as it is rendered, pixels: about the scale that renderers are trained at."""
 STRIP_SIDE = 288
@@ -47,7 +48,8 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     galleries = [_views_gallery(result), _alpha_gallery(run, result), _geometry_gallery(run), stills]
     losses = read_losses(run.folder.log)
     if losses:
-        galleries.append(Gallery("Losses", (("mean of each step's figures", curves(losses, "losses")),), columns=1))
+        plot = encode_png(curves_plot(losses, "losses"))
+        galleries.append(Gallery("Losses", (("mean of each step's figures", plot),), columns=1))
     strands = run.renderer.strands
     summary = (
         f"{len(strands)} strands of {strands.points_per_strand} points from {len(run.capture)} photographs of "
@@ -55,15 +57,14 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     )
     title = f"Neural Strands: {run.capture.folder.name}"
     write_page(run.folder.report / "index.html", title, summary, tables, galleries, turntable)
-    with atomic_file(run.folder.report / "summary.png") as temporary:
-        temporary.write_bytes(png(_summary(run, result)))
+    write_png(run.folder.report / "summary.png", _summary(run, result))
 
 
 def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height width 3"]:
     """A view that was judged: photograph, reconstructed strands by direction, rendering."""
     place = len(result.views) - 1
     camera = run.capture.cameras[run.shown[place]].to(run.renderer.strands.points.device)
-    strands = geometry_picture(run.renderer.strands.points, camera, run.head.mesh).cpu()
+    strands = lines_picture(run.renderer.strands.points, camera, run.head.mesh).cpu()
     view = result.views[place].view
     return torch.cat([view.photograph, strands, view.rendered], dim=1)
 
@@ -106,9 +107,9 @@ def _views_gallery(result: Evaluation) -> Gallery:
     pictures: list[tuple[str, bytes]] = []
     for view in (each.view for each in result.views[:MOST_VIEWS]):
         pictures += [
-            (f"rendered {view.name}", png(view.rendered)),
-            ("photograph", png(view.photograph)),
-            ("difference x 4", png(difference(view.rendered, view.photograph))),
+            (f"rendered {view.name}", encode_png(view.rendered)),
+            ("photograph", encode_png(view.photograph)),
+            ("difference x 4", encode_png(difference_picture(view.rendered, view.photograph))),
         ]
     return Gallery("Views" if not result.held_out else "Held-out views", tuple(pictures))
 
@@ -117,14 +118,14 @@ def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
     view = result.views[0].view
     pictures: list[tuple[str, bytes]] = []
     if view.alpha is not None:
-        pictures.append(("predicted alpha", png(view.alpha[..., None].expand(-1, -1, 3))))
+        pictures.append(("predicted alpha", encode_png(view.alpha[..., None].expand(-1, -1, 3))))
     mask = view.mask
     if mask is not None:
         height, width = mask.shape
         config = read_description(run.folder).config.trimap
-        trimap = reference_alpha(mask, Place(0, 0, width, height), config)
+        trimap = reference_alpha(mask, Rectangle(0, 0, width, height), config)
         shades = torch.where(trimap.supervised, trimap.alpha, 0.5)
-        pictures.append(("its reference, grey where unsupervised", png(shades[..., None].expand(-1, -1, 3))))
+        pictures.append(("its reference, grey where unsupervised", encode_png(shades[..., None].expand(-1, -1, 3))))
     return Gallery("Alpha", tuple(pictures))
 
 
@@ -132,13 +133,14 @@ def _geometry_gallery(run: RunContents) -> Gallery:
     points = run.renderer.strands.points
     camera = run.capture.cameras[run.shown[0]].to(points.device)
     head = run.head.mesh
-    sets = [("line segments", segment_lines(run.segments)), ("our strands", points)]
+    sets = [("line segments", run.segments.lines()), ("our strands", points)]
     if run.capture.ground_truth is not None:
         sets.insert(0, ("ground truth", run.capture.ground_truth.points.to(head.vertices)))
-    pictures = [(name, png(geometry_picture(lines, camera, head))) for name, lines in sets]
+    images = [(name, lines_picture(lines, camera, head)) for name, lines in sets]
     photograph = run.capture.image(run.shown[0]).to(head.vertices)
-    pictures.append(("our strands over the photograph", png(overlay(photograph, points, camera, head))))
-    return Gallery("Geometry, coloured by direction", tuple(pictures), columns=len(pictures))
+    images.append(("our strands over the photograph", lines_over_photograph(photograph, points, camera, head)))
+    pictures = tuple((name, encode_png(image)) for name, image in images)
+    return Gallery("Geometry, coloured by direction", pictures, columns=len(pictures))
 
 
 def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
@@ -148,12 +150,13 @@ def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
     side = min(TURN_SIDE, shown.width, shown.height)
     cameras = turntable_cameras(points, TURN_FRAMES, (side, side))
     rendered = [run.renderer.render(camera).rgb.clamp(0, 1).cpu() for camera in cameras]
-    drawn = [geometry_picture(points, camera, run.head.mesh).cpu() for camera in cameras]
+    drawn = [lines_picture(points, camera, run.head.mesh).cpu() for camera in cameras]
     strips = tuple(
-        (caption, strip([_shrunk(frame) for frame in frames]))
+        (caption, encode_webp(torch.cat([_shrunk(frame) for frame in frames])))
         for caption, frames in (("rendered", rendered), ("strands, coloured by direction", drawn))
     )
-    stills = tuple((f"{360 * k // TURN_FRAMES} degrees", png(rendered[k])) for k in range(0, TURN_FRAMES, STILL_EVERY))
+    chosen = range(0, TURN_FRAMES, STILL_EVERY)
+    stills = tuple((f"{360 * k // TURN_FRAMES} degrees", encode_png(rendered[k])) for k in chosen)
     return Turntable("Turntable", strips, TURN_FRAMES), Gallery("Turntable, stills", stills, columns=4)
 
 

@@ -159,7 +159,7 @@ def weights_digest(prior: StrandPrior) -> str:
 def fingerprint(capture: Capture, head: Head) -> str:
     """Digest of the cameras, of the files of every image and mask, and of the head; no image is decoded."""
     digest = hashlib.sha256()
-    for view in capture.views:
+    for view in capture.files:
         camera = view.camera
         digest.update(f"{camera.name} {camera.width} {camera.height}".encode())
         digest.update(camera.intrinsics.double().numpy().tobytes())

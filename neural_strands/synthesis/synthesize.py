@@ -7,14 +7,15 @@ from pathlib import Path
 
 import torch
 
+from neural_strands.capture.writer import CaptureWriter, quantised
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
-from neural_strands.synthesis.capture_folder import CaptureFolder, quantised
 from neural_strands.synthesis.dome import DomeConfig, dome
 from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
+from neural_strands.synthesis.resume import claim_folder, is_rendered
 
 SMALLEST, LARGEST = 0.02, 3.0
 """Smallest and largest plausible size of a groom (m)."""
@@ -58,20 +59,21 @@ def synthesize(
     check_fit(head, strands)
     strands = quantised(strands)
     cameras = dome(strands.points.reshape(-1, 3), config.dome)
-    capture = CaptureFolder(folder)
     digests = {"strands_digest": _digest(strands.points), "head_digest": _digest(head.mesh.vertices)}
-    capture.begin(
-        {**origin, **asdict(config.dome), **asdict(config.tracing), "seed": config.seed, **digests}, overwrite
-    )
-    missing = [camera for camera in cameras if not capture.has_view(camera)]
+    settings = {**origin, **asdict(config.dome), **asdict(config.tracing), "seed": config.seed, **digests}
+    claim_folder(folder, settings, overwrite)
+    writer = CaptureWriter(folder)
+    missing = [camera for camera in cameras if not is_rendered(folder, camera)]
     if missing:
-        capture.write_scene(head, strands)
+        writer.write_head(head.mesh, head.scalp_faces)
+        writer.write_ground_truth(strands)
         generator = torch.Generator().manual_seed(config.seed)
         tracer = PathTracer(head, strands, config.tracing, generator)
         for camera in track(missing, "path tracing"):
             noise = config.seed * len(cameras) + int(camera.name)
-            capture.write_view(camera, tracer.image(camera, noise), tracer.coverage(camera))
-    capture.finish(cameras)
+            image = tracer.image(camera, noise)
+            writer.write_view(camera, image, *tracer.coverage(camera).unbind(dim=-1))
+    writer.finish(cameras)
     return len(missing)
 
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from neural_strands.capture import capture as capture_module
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.images import read_pixels
 from neural_strands.foundation.errors import InputError
 
 POSE = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 1.0], [0, 0, 0, 1.0]]
@@ -84,6 +86,54 @@ def test_the_cache_keeps_to_its_budget(tmp_path):
     (folder / "images/0.png").unlink()
     with pytest.raises(InputError, match=r"0\.png"):
         capture.image(0)
+
+
+def test_views_are_read_when_asked_for_and_each_file_is_decoded_once(tmp_path, monkeypatch):
+    rgba = np.full((12, 16, 4), 128, np.uint8)
+    grey = np.full((12, 16), 51, np.uint8)
+    images = {"images/a.png": rgba, "images/b.png": rgba[..., :3], "masks/a.png": grey, "person_masks/b.png": grey}
+    frames = [frame("images/a.png"), frame("images/b.png")]
+    decoded = []
+
+    def counted(path):
+        decoded.append(path.relative_to(tmp_path / "c").as_posix())
+        return read_pixels(path)
+
+    monkeypatch.setattr(capture_module, "read_pixels", counted)
+    capture = Capture.load(write_capture(tmp_path / "c", frames, images))
+    views = capture.views_on("cpu")
+    assert views.cameras == capture.cameras
+    assert views.has_hair_mask == (True, False)
+    assert decoded == []
+    assert [float(mask[0, 0]) for _, mask in views.hair_masks()] == [pytest.approx(0.2)]
+    assert decoded == ["masks/a.png"]
+    first, second = views
+    # The first view's person mask is its photograph's alpha.
+    assert sorted(decoded) == sorted(images)
+    assert torch.equal(first.image, capture.image(0))
+    assert float(first.person_mask[0, 0]) == pytest.approx(128 / 255)
+    assert float(second.person_mask[0, 0]) == pytest.approx(0.2)
+    assert second.hair_mask is None
+    assert len(decoded) == len(images)
+
+
+def test_an_image_too_large_to_keep_is_not_searched_for_alpha_again(tmp_path, monkeypatch):
+    images = {"images/a.png": np.zeros((12, 16, 3), np.uint8)}
+    capture = Capture.load(write_capture(tmp_path / "c", [frame("images/a.png")], images), cache_bytes=10)
+    capture.image(0)
+    monkeypatch.setattr(capture_module, "read_pixels", None)
+    assert capture.person_mask(0) is None
+
+
+def test_photographs_in_sub_folders_have_their_own_names_and_masks(tmp_path):
+    images = {f"images/{side}/1.jpg": np.full((12, 16, 3), 90, np.uint8) for side in ("left", "right")}
+    images |= {"masks/left/1.png": np.full((12, 16), 51, np.uint8)}
+    images |= {"masks/right/1.jpg.png": np.full((12, 16), 102, np.uint8)}
+    capture = Capture.load(
+        write_capture(tmp_path / "c", [frame(f"images/{s}/1.jpg") for s in ("left", "right")], images)
+    )
+    assert [camera.name for camera in capture.cameras] == ["left/1.jpg", "right/1.jpg"]
+    assert [float(capture.hair_mask(k)[0, 0]) for k in (0, 1)] == [pytest.approx(0.2), pytest.approx(0.4)]
 
 
 def test_real_captures_project_the_truth_into_the_masks(shared_data):

@@ -10,11 +10,11 @@ from full_disk import smallest_files
 
 from neural_strands.cli.main import main
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
-from neural_strands.model.turntable import turntable_cameras
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.scalp.roots import Roots
@@ -99,21 +99,9 @@ def test_bad_arguments_are_one_sentence(saved, capsys, words, message, monkeypat
     assert not (tmp_path / "x").exists()
 
 
-def test_turntable_sees_all_points_and_begins_in_front():
-    points = torch.rand(50, 4, 3, generator=torch.Generator().manual_seed(1)) - 0.5
-    cameras = turntable_cameras(points, 8, (64, 48))
-    assert cameras[0].position[2] > points[..., 2].max()
-    assert cameras[2].position[0] > points[..., 0].max()
-    for camera in cameras:
-        pixels, depth = camera.project(points)
-        assert (depth > 0).all()
-        inside = ((pixels > 0) & (pixels < torch.tensor([64, 48]))).all(dim=-1)
-        assert inside.float().mean() > 0.97
-
-
 def test_a_full_disk_is_one_sentence_and_leaves_no_broken_image(saved, tmp_path, capsys):
     out = tmp_path / "views"
     with smallest_files(100):
         assert main(["render", str(saved), "--turntable", "1", "--out", str(out)]) == 2
-    assert "disk" in capsys.readouterr().err.splitlines()[-1]
+    assert "cannot be written" in capsys.readouterr().err.splitlines()[-1]
     assert not list(out.glob("*.png"))

@@ -15,7 +15,6 @@ from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.stereo import capture_views, moved
 from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs import view_cache as work_module
 from neural_strands.lmvs.files import save_segments
@@ -120,7 +119,7 @@ def test_stereo_gives_the_lines_of_the_cpu(emulated, monkeypatch, tmp_path):
     head = find_head(capture, None).mesh
     found = []
     for device in (emulated, CPU):
-        views = [moved(view, device) for view in capture_views(capture)]
+        views = capture.views_on(device)
         found.append(reconstruct(views, head.to(device), LmvsConfig(), torch.Generator().manual_seed(0)))
     there, here = found
     assert on_device(there.points)

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from neural_strands.fitting.first_colours import filled, initialise_colours, spread, strand_colours
-from neural_strands.fitting.observation import Observation
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import View
 from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
@@ -44,13 +44,13 @@ def scene(generator):
     return model, strands, cameras
 
 
-def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Tensor) -> Observation:
+def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Tensor) -> View:
     """Strands of given colours wherever one is drawn, white body, blue background."""
     drawing = model.draw(strands, camera)
     hair = drawing.lines.segment >= 0
     strand = drawing.lines.segment.clamp(min=0) // (strands.points_per_strand - 1)
     image = torch.where((drawing.body.face >= 0)[..., None], torch.ones(3), torch.tensor([0.0, 0.0, 1.0]))
-    return Observation(camera, torch.where(hair[..., None], colour[strand], image), hair.float())
+    return View(camera, torch.where(hair[..., None], colour[strand], image), hair.float())
 
 
 def test_spreading_is_the_transpose_of_sampling(generator):
@@ -97,6 +97,6 @@ def test_hair_does_not_colour_the_background_behind_it(scene, matte):
     torch.testing.assert_close(model.background.colour.detach(), blue)
 
 
-def masked(target: Observation, matte: float | None) -> Observation:
+def masked(target: View, matte: float | None) -> View:
     """The hair mask made fainter, or taken away."""
-    return replace(target, mask=None if matte is None or target.mask is None else matte * target.mask)
+    return replace(target, hair_mask=None if matte is None or target.hair_mask is None else matte * target.hair_mask)

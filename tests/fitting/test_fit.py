@@ -97,7 +97,7 @@ def test_a_fit_shows_the_photographs_and_stays_out_of_the_head(scene):
     run(state, data, config)
     strands, error, flat = Strands(state.drawn, root_uv=state.model.root_uv), 0.0, 0.0
     with torch.no_grad():
-        for target in data.observations():
+        for target in data.views:
             rendered = state.model.render(strands, target.camera).rgb
             error += float((rendered - target.image).square().mean())
             flat += float((target.image - target.image.mean(dim=(0, 1))).square().mean())

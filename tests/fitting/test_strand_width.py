@@ -3,11 +3,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from neural_strands.fitting.observation import Observation
 from neural_strands.fitting.strand_width import FINER, WIDTHS, estimate_width
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import View
 from neural_strands.model.compositing import area_mean
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.unet import UNetConfig
@@ -31,7 +31,7 @@ def matted(strands, lines, factor=10):
         fine = camera.resized(camera.width * factor, camera.height * factor)
         drawn = rasterise_lines(strands, fine, config=lines).segment >= 0
         mask = area_mean(drawn[..., None].float(), factor)[..., 0]
-        yield Observation(camera, torch.zeros(*mask.shape, 3), mask)
+        yield View(camera, torch.zeros(*mask.shape, 3), mask)
 
 
 @pytest.mark.parametrize("tip", [0.0, 0.4])
@@ -49,7 +49,7 @@ def test_the_width_of_the_masks_is_found(model, generator, width, tip):
 
 def test_without_masks_strands_stay_as_they_are_drawn(model, generator):
     strands = torch.randn(20, 10, 3, generator=generator) * 0.05
-    targets = [replace(target, mask=None) for target in matted(strands, LineConfig(width=1e-3), 1)]
+    targets = [replace(target, hair_mask=None) for target in matted(strands, LineConfig(width=1e-3), 1)]
     assert estimate_width(model, Strands(strands), targets) == model.lines
     assert estimate_width(model, Strands(strands), []) == model.lines
 

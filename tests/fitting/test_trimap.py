@@ -3,8 +3,12 @@
 import pytest
 import torch
 
-from neural_strands.fitting.observation import Place
-from neural_strands.fitting.trimap import TrimapConfig, dilate, make_trimap, reference_alpha, trimap_of_part
+from neural_strands.fitting.trimap import TrimapConfig, dilate, reference_alpha, trimap_of_part
+from neural_strands.geometry.rectangle import Rectangle
+
+
+def make_trimap(lines, config):
+    return trimap_of_part(lines, Rectangle(0, 0, *reversed(lines.shape)), config)
 
 
 def disc(radius, side=101):
@@ -38,7 +42,7 @@ def test_holes_between_lines_close():
     assert (trimap.alpha[40:60, 40:60] == 1).all()
 
 
-@pytest.mark.parametrize("place", [Place(0, 0, 30, 40), Place(33, 20, 48, 16), Place(61, 70, 40, 31)])
+@pytest.mark.parametrize("place", [Rectangle(0, 0, 30, 40), Rectangle(33, 20, 48, 16), Rectangle(61, 70, 40, 31)])
 def test_a_part_is_what_the_whole_says_there(generator, place):
     lines = (torch.rand(101, 101, generator=generator) > 0.97) & disc(40)
     config = TrimapConfig(dilation=0.02, erosion=0.01)
@@ -49,7 +53,7 @@ def test_a_part_is_what_the_whole_says_there(generator, place):
 
 def test_a_matte_is_taken_as_it_is_unless_told_otherwise(generator):
     matte = torch.rand(50, 60, generator=generator)
-    place = Place(7, 5, 20, 30)
+    place = Rectangle(7, 5, 20, 30)
     taken = reference_alpha(matte, place, TrimapConfig())
     assert torch.equal(taken.alpha, matte[5:35, 7:27])
     assert taken.supervised.all()

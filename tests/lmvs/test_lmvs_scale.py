@@ -1,7 +1,6 @@
 """Wrong units are said in one sentence: of the head, of all cameras, of a single camera."""
 
 import logging
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.lmvs.scale import check_head_size, check_scene, of_one_scale
 from neural_strands.lmvs.search_range import Region, seen_radii
-from neural_strands.lmvs.views import View, reduced
 
 
 def box_head(side: float, centre: float = 0.0) -> Mesh:
@@ -74,17 +72,3 @@ def test_radii_are_those_of_the_pinhole():
     centre, radii = seen_radii(cameras, [box, box])
     assert torch.allclose(centre, torch.zeros(3), atol=1e-4)
     assert radii == pytest.approx([0.2, 0.4], rel=1e-3)
-
-
-def test_a_reduced_view_averages_areas_and_keeps_what_its_rays_meet(generator: torch.Generator):
-    image, mask = torch.rand(80, 100, 3, generator=generator), torch.rand(80, 100, generator=generator)
-    view = View(camera(0.3), partial(lambda x: x, image), partial(lambda x: x, mask))
-    small = reduced(view, 50)
-    assert (small.camera.width, small.camera.height) == (50, 40)
-    assert torch.allclose(small.load_image(), image.reshape(40, 2, 50, 2, 3).mean(dim=(1, 3)), atol=1e-6)
-    assert small.load_mask is not None
-    assert torch.allclose(small.load_mask(), mask.reshape(40, 2, 50, 2).mean(dim=(1, 3)), atol=1e-6)
-    points = 0.1 * torch.randn(20, 3, generator=generator)
-    assert torch.allclose(2 * small.camera.project(points)[0], view.camera.project(points)[0], atol=1e-3)
-    assert reduced(view, 100) is view
-    assert reduced(View(view.camera, view.load_image), 10).load_mask is None

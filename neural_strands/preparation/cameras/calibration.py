@@ -13,7 +13,7 @@ import torch
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.lens import Lens
-from neural_strands.capture.view import rigid
+from neural_strands.capture.view_files import rigid
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.foundation.progress import track
@@ -93,7 +93,7 @@ class Calibration:
         Raises:
             InputError: a file is missing or damaged.
         """
-        views = Capture.load(folder).views
+        views = Capture.load(folder).files
         return cls(
             tuple(view.camera for view in views), tuple(view.image_path for view in views), SparsePoints.load(folder)
         )

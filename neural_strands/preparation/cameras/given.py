@@ -5,7 +5,7 @@ from pathlib import Path
 
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
 from neural_strands.capture.transforms import read_transforms
-from neural_strands.capture.view import View
+from neural_strands.capture.view_files import ViewFiles
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.cameras.calibration import PosedLens
 from neural_strands.preparation.cameras.metashape import read_metashape
@@ -41,6 +41,6 @@ def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, Pos
     )
 
 
-def by_name(views: Sequence[View]) -> dict[str, PosedLens]:
+def by_name(views: Sequence[ViewFiles]) -> dict[str, PosedLens]:
     """Lenses and poses of a capture's views."""
     return {view.image_path.name: PosedLens(view.lens, view.camera.world_to_camera.double().numpy()) for view in views}

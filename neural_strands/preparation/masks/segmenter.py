@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from neural_strands.capture.images import mask_of, read_pixels
-from neural_strands.capture.view import find_mask
+from neural_strands.capture.view_files import find_mask
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
@@ -75,7 +75,7 @@ class GivenMasks:
         return mask if lens is None else lens.lens.undistort(mask)
 
     def _path(self, photograph: Photograph) -> Path:
-        path = find_mask(self.folder, Path(photograph.source))
+        path = find_mask(self.folder, Path(photograph.source).name)
         if path is None:
             raise InputError(
                 f"{self.folder}: expected a mask of every photograph, found none of {photograph.source}; add "

@@ -1,25 +1,24 @@
-"""Cameras for a look all round the hair."""
+"""Cameras on a circle, for a look at something from all around."""
 
 import math
 
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 
 FIELD_OF_VIEW = math.radians(25.0)
 """Angle that the shorter side of the image sees."""
 ROOM = 1.25
-"""Radius of the ball that fits into the image, in radii of the hair."""
+"""Radius of the ball that fits into the image, in radii of the points."""
 FARTHEST = 0.98
-"""Share of the points that has to lie in that ball: single flyaway strands may leave the image."""
+"""Share of the points that must lie in that ball: single flyaway strands may leave the image."""
 
 
 def turntable_cameras(
     points: Float[Tensor, "strand point 3"], count: int, size: tuple[int, int], elevation: float = 0.15
 ) -> list[Camera]:
-    """Cameras on a level circle about the hair, the first one in front (+z), then towards +x.
+    """Cameras on a level circle around strands, the first one in front (+z), then towards +x.
 
     Args:
         points: strands in world metres.
@@ -28,12 +27,12 @@ def turntable_cameras(
         elevation: height of the circle above the centre, radians.
 
     Raises:
-        InputError: no point to look at.
+        ValueError: there is no finite point to look at.
     """
     flat = points.reshape(-1, 3)
     flat = flat[flat.isfinite().all(dim=1)]
     if len(flat) == 0:
-        raise InputError("--turntable: expected a model with strands to turn about, found none; use --camera.")
+        raise ValueError("expected strands with finite points to turn around, found none")
     centre = 0.5 * (flat.min(dim=0).values + flat.max(dim=0).values)
     distance = (flat - centre).norm(dim=1)
     radius = float(distance.sort().values[int(FARTHEST * (len(distance) - 1))])

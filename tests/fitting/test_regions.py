@@ -2,29 +2,32 @@
 
 import torch
 
-from neural_strands.fitting.observation import Observation, Place, random_place
+from neural_strands.fitting.regions import inner_part, random_square
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.rectangle import Rectangle
+from neural_strands.geometry.views import View
 
 
 def test_crops_are_aligned_and_about_the_hair(generator):
     mask = torch.zeros(100, 120)
     mask[60:64, 90:95] = 1
     camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 100.0, (120, 100))
-    whole = Observation(camera, torch.rand(100, 120, 3, generator=generator), mask)
+    whole = View(camera, torch.rand(100, 120, 3, generator=generator), mask)
     for _ in range(5):
-        part = whole.cropped(random_place(mask > 0.5, (100, 120), 48, 8, generator))
+        part = whole.cropped(random_square(mask > 0.5, (100, 120), 48, 8, generator))
         assert part.image.shape == (48, 48, 3)
-        assert part.mask.sum() == 20
+        assert part.hair_mask.sum() == 20
         left, top = (whole.camera.intrinsics - part.camera.intrinsics)[:2, 2].tolist()
         assert (left % 8, top % 8) == (0, 0)
         torch.testing.assert_close(part.image, whole.image[int(top) : int(top) + 48, int(left) : int(left) + 48])
 
 
 def test_a_small_image_is_taken_whole_and_an_empty_one_from_its_middle(generator):
-    assert random_place(None, (30, 40), 48, 8, generator) == Place(0, 0, 40, 30)
-    assert random_place(torch.zeros(100, 100, dtype=torch.bool), (100, 100), 20, 4, generator) == Place(40, 40, 20, 20)
+    assert random_square(None, (30, 40), 48, 8, generator) == Rectangle(0, 0, 40, 30)
+    unmarked = torch.zeros(100, 100, dtype=torch.bool)
+    assert random_square(unmarked, (100, 100), 20, 4, generator) == Rectangle(40, 40, 20, 20)
 
 
 def test_margins_are_left_of_regions_that_can_spare_them():
-    assert Place(3, 5, 60, 50).without_margin(8) == Place(11, 13, 44, 34)
-    assert Place(3, 5, 60, 30).without_margin(8) == Place(3, 5, 60, 30)
+    assert inner_part((50, 60), 8) == Rectangle(8, 8, 44, 34)
+    assert inner_part((30, 60), 8) == Rectangle(0, 0, 60, 30)

@@ -1,7 +1,7 @@
-"""One photograph of a capture: its files and its camera."""
+"""Where the files of a view are, and what lens took the photograph."""
 
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import torch
 from jaxtyping import Float
@@ -16,8 +16,8 @@ ROTATION_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
-class View:
-    """One calibrated photograph.
+class ViewFiles:
+    """A calibrated photograph and its masks, as they lie on disk.
 
     Attributes:
         camera: the pinhole camera of the undistorted image.
@@ -59,9 +59,13 @@ def rigid(matrix: Float[Tensor, "4 4"], source: str) -> Float[Tensor, "4 4"]:
     return exact
 
 
-def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """The mask of a photograph in a folder: NAME.png, or NAME.jpg.png in COLMAP's style."""
-    for name in (f"{image_path.stem}.png", f"{image_path.name}.png", image_path.name):
-        if (folder / name).is_file():
-            return folder / name
-    return None
+def find_mask(folder: Path, view: str) -> Path | None:
+    """The mask of a view, in the sub-folder that its photograph lies in: NAME.png, or NAME.jpg.png in COLMAP's style.
+
+    Args:
+        folder: `masks` or `person_masks`.
+        view: the view's name, "left/0001.jpg".
+    """
+    place = PurePosixPath(view)
+    names = (place.parent / f"{place.stem}.png", f"{view}.png", view)
+    return next((folder / name for name in names if (folder / name).is_file()), None)

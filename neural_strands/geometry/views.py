@@ -1,0 +1,117 @@
+"""Photographs with the cameras that took them and the masks that belong to them."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.rectangle import Rectangle
+
+Image = Float[Tensor, "height width 3"]
+"""A photograph, sRGB in [0, 1]."""
+Mask = Float[Tensor, "height width"]
+"""How much of each pixel is covered by what the mask is of, in [0, 1]."""
+Part = Literal["image", "hair_mask", "person_mask"]
+"""What can be read of a view."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A photograph in memory.
+
+    Attributes:
+        camera: calibrated, without lens distortion; messages and files call the view by its name.
+        image: sRGB in [0, 1].
+        hair_mask: coverage of hair, if it is known.
+        person_mask: coverage of the whole person, if it is known.
+    """
+
+    camera: Camera
+    image: Image
+    hair_mask: Mask | None = None
+    person_mask: Mask | None = None
+
+    def cropped(self, part: Rectangle) -> "View":
+        """Part of the photograph, with the camera that sees exactly that part."""
+        return View(
+            self.camera.cropped(part.left, part.top, part.width, part.height),
+            part.of(self.image),
+            None if self.hair_mask is None else part.of(self.hair_mask),
+            None if self.person_mask is None else part.of(self.person_mask),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Views that are read whenever they are asked for, and not kept: memory does not grow with their number.
+
+    Indexing reads all of a view; `image`, `hair_mask` and `person_mask` read just that part.
+
+    Attributes:
+        cameras: of all views, known without reading anything.
+        has_hair_mask: whether each view has a hair mask, known without reading anything.
+        read: reads a part of the view at an index; None where it has no such part.
+    """
+
+    cameras: tuple[Camera, ...]
+    has_hair_mask: tuple[bool, ...]
+    read: Callable[[int, Part], Tensor | None]
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def __getitem__(self, index: int) -> View:
+        """Read all of a view."""
+        return View(self.cameras[index], self.image(index), self.hair_mask(index), self.person_mask(index))
+
+    def __iter__(self) -> Iterator[View]:
+        """Read all views, one at a time."""
+        return (self[index] for index in range(len(self)))
+
+    def image(self, index: int) -> Image:
+        """Read a view's photograph."""
+        found = self.read(index, "image")
+        if found is None:
+            raise ValueError(f"{self.cameras[index].name}: expected a photograph, found none")
+        return found
+
+    def hair_mask(self, index: int) -> Mask | None:
+        """Read a view's hair mask, if it has one."""
+        return self.read(index, "hair_mask")
+
+    def person_mask(self, index: int) -> Mask | None:
+        """Read a view's person mask, if it has one."""
+        return self.read(index, "person_mask")
+
+    def hair_masks(self) -> Iterator[tuple[Camera, Mask]]:
+        """Camera and hair mask of each view that has one, read one at a time; no photograph is read."""
+        for index, camera in enumerate(self.cameras):
+            mask = self.hair_mask(index) if self.has_hair_mask[index] else None
+            if mask is not None:
+                yield camera, mask
+
+    def reduced(self, longest: int) -> "Views":
+        """The views with at most `longest` pixels along their longer side; smaller ones stay as they are."""
+        cameras = tuple(_reduced(camera, longest) for camera in self.cameras)
+
+        def read(index: int, part: Part) -> Tensor | None:
+            found, camera = self.read(index, part), cameras[index]
+            if found is None or found.shape[:2] == (camera.height, camera.width):
+                return found
+            # Each new pixel is the mean of the area that it covers.
+            small = cv2.resize(found.cpu().numpy(), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+            return torch.from_numpy(small).to(found.device)
+
+        return Views(cameras, self.has_hair_mask, read)
+
+
+def _reduced(camera: Camera, longest: int) -> Camera:
+    scale = longest / max(camera.width, camera.height)
+    if scale >= 1:
+        return camera
+    return camera.resized(max(round(scale * camera.width), 1), max(round(scale * camera.height), 1))
