@@ -208,7 +208,7 @@ def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
         _decode_all(state, config)
     strands = Strands(state.drawn, root_uv=state.model.root_uv)
     if config.trimap.mattes:
-        state.model.lines = estimate_width(state.model, strands, data.views)
+        state.model.strand_width = estimate_width(state.model, strands, data.views)
     initialise_colours(state.model, strands, data.views)
 
 

@@ -15,7 +15,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
-from neural_strands.raster.lines import LineConfig, rasterise_lines
+from neural_strands.raster.lines import rasterise_lines
 
 WIDTHS = tuple(1e-4 * 2 ** (step / 2) for step in range(-1, 7))
 """Widths that are tried first, metres: 0.07 to 0.8 mm."""
@@ -26,7 +26,7 @@ VIEWS = 4
 
 
 @torch.no_grad()
-def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> LineConfig:
+def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> float:
     """Choose the width by the squared difference between coverage and hair masks.
 
     Args:
@@ -35,28 +35,26 @@ def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence
         targets: photographs; those without a mask are not asked.
 
     Returns:
-        How to draw strands; as the model does now where there is no mask, or none of the widths does better.
+        The width, metres; the model's own where there is no mask, or none of the widths tried does better.
     """
     pick = torch.linspace(0, len(targets) - 1, min(VIEWS, len(targets))).round().long().tolist()
     asked = [targets[index] for index in pick]
     masked = [(target, target.hair_mask) for target in asked if target.hair_mask is not None]
     if not masked:
-        return model.lines
+        return model.strand_width
     factor = model.config.supersample
     fine = [t.camera.resized(t.camera.width * factor, t.camera.height * factor) for t, _ in masked]
     hidden_by = [model.body(camera).depth for camera in fine]
 
-    def misfit(lines: LineConfig) -> float:
-        total = 0.0
+    def misfit(width: float) -> float:
+        lines, total = replace(model.lines, width=width), 0.0
         for (_, mask), camera, depth in zip(masked, fine, hidden_by, strict=True):
             coverage = drawn_share(rasterise_lines(strands.points, camera, depth, lines, strands.t), factor)
             total += float((coverage - mask).square().mean())
         return total
 
-    found = {lines: misfit(lines) for lines in (replace(model.lines, width=width) for width in WIDTHS)}
-    best = min(found, key=lambda lines: found[lines])
-    for width in (best.width / FINER, best.width * FINER):
-        lines = replace(model.lines, width=width)
-        found[lines] = misfit(lines)
-    found[model.lines] = misfit(model.lines)
-    return min(found, key=lambda lines: found[lines])
+    found = {width: misfit(width) for width in WIDTHS}
+    best = min(found, key=lambda width: found[width])
+    for width in (best / FINER, best * FINER, model.strand_width):
+        found[width] = misfit(width)
+    return min(found, key=lambda width: found[width])

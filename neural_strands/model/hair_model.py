@@ -105,7 +105,7 @@ class HairModel(nn.Module):
 
     Attributes:
         config: sizes.
-        lines: how strands are drawn: as the config says, but for the width that a fit found; part of the state.
+        strand_width: width of the strands as drawn, metres: the config's until a fit finds one; part of the state.
     """
 
     root_position: Tensor
@@ -131,7 +131,7 @@ class HairModel(nn.Module):
         """
         super().__init__()
         self.config = config
-        self.lines = config.lines
+        self.strand_width = config.lines.width
         self.register_buffer("root_position", roots.position.float().clone())
         self.register_buffer("root_uv", roots.uv.float().clone())
         self.register_buffer("root_frame", roots.frame.float().clone())
@@ -144,14 +144,18 @@ class HairModel(nn.Module):
         centre = everything.mean(dim=0) if len(everything) else torch.zeros(3)
         self.background = Background(centre, config.surround)
 
+    @property
+    def lines(self) -> LineConfig:
+        """How strands are drawn: as the config says, at the width of this state."""
+        return replace(self.config.lines, width=self.strand_width)
+
     def get_extra_state(self) -> Tensor:
-        """Width and tip of the strands, as `state_dict` keeps them beside what is learned."""
-        return torch.tensor([self.lines.width, self.lines.tip], dtype=torch.float64)
+        """The width of the strands, beside the tip of the config, as `state_dict` stores them."""
+        return torch.tensor([self.strand_width, self.config.lines.tip], dtype=torch.float64)
 
     def set_extra_state(self, state: Tensor) -> None:
-        """Take width and tip of the strands from a `state_dict`."""
-        width, tip = state.tolist()
-        self.lines = replace(self.lines, width=width, tip=tip)
+        """Take the width of the strands from a `state_dict`; the tip is the config's."""
+        self.strand_width = state.tolist()[0]
 
     def forward(self, camera: Camera) -> RenderOutput:
         """Decode the strands and render them."""

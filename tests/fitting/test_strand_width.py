@@ -16,11 +16,10 @@ from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.scalp.roots import Roots
 
 
-@pytest.fixture
-def model():
+def hair_model(tip=0.0):
     empty = Mesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64))
     roots = Roots(torch.zeros(1, 3), torch.full((1, 2), 0.5), torch.eye(3)[None], torch.zeros(1))
-    config = HairModelConfig(unet=UNetConfig((4, 4)))
+    config = HairModelConfig(unet=UNetConfig((4, 4)), lines=LineConfig(tip=tip))
     return HairModel(config, roots, StrandGenerator(), empty, torch.Generator().manual_seed(0))
 
 
@@ -36,29 +35,30 @@ def matted(strands, lines, factor=10):
 
 @pytest.mark.parametrize("tip", [0.0, 0.4])
 @pytest.mark.parametrize("width", [WIDTHS[2], WIDTHS[5]])
-def test_the_width_of_the_masks_is_found(model, generator, width, tip):
+def test_the_width_of_the_masks_is_found(generator, width, tip):
     """Sparse strands, a few hairs wide: their mattes say how wide."""
     start = torch.randn(150, 1, 3, generator=generator) * 0.05
     strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]
     lines = LineConfig(width=width, tip=tip)
-    model.lines = replace(model.lines, tip=tip)
-    found = estimate_width(model, Strands(strands), list(matted(strands, lines)))
-    assert found.width == pytest.approx(width, rel=0.25)
-    assert replace(found, width=0.0) == model.lines
+    found = estimate_width(hair_model(tip), Strands(strands), list(matted(strands, lines)))
+    assert found == pytest.approx(width, rel=0.25)
 
 
-def test_without_masks_strands_stay_as_they_are_drawn(model, generator):
+def test_without_masks_strands_stay_as_they_are_drawn(generator):
+    model = hair_model()
+    model.strand_width = 3e-4
     strands = torch.randn(20, 10, 3, generator=generator) * 0.05
     targets = [replace(target, hair_mask=None) for target in matted(strands, LineConfig(width=1e-3), 1)]
-    assert estimate_width(model, Strands(strands), targets) == model.lines
-    assert estimate_width(model, Strands(strands), []) == model.lines
+    assert estimate_width(model, Strands(strands), targets) == 3e-4
+    assert estimate_width(model, Strands(strands), []) == 3e-4
 
 
-def test_lines_one_pixel_wide_stay_where_masks_are_made_of_them(model, generator):
+def test_lines_one_pixel_wide_stay_where_masks_are_made_of_them(generator):
     """Few strands in coarse pictures stand for many hairs: no width of a hair covers as much."""
+    model = hair_model()
     start = torch.randn(150, 1, 3, generator=generator) * 0.05
     strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]
     targets = list(matted(strands, LineConfig(width=4e-3), 3))
-    assert estimate_width(model, Strands(strands), targets).width == WIDTHS[-1] * FINER
+    assert estimate_width(model, Strands(strands), targets) == WIDTHS[-1] * FINER
     targets = list(matted(strands, LineConfig(), model.config.supersample))
-    assert estimate_width(model, Strands(strands), targets) == model.lines
+    assert estimate_width(model, Strands(strands), targets) == 0.0

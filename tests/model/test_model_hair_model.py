@@ -24,6 +24,7 @@ from neural_strands.model.hair_model import (
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.lines import LineConfig
 from neural_strands.raster.splat import MINIMUM_WEIGHT, splat_pyramid
 from neural_strands.scalp.roots import Roots
 
@@ -176,12 +177,13 @@ def test_strands_without_a_place_on_the_scalp_are_refused():
 
 @pytest.mark.parametrize("corner_uv", [False, True])
 def test_saved_and_loaded_is_the_same_model(tmp_path, corner_uv):
-    hair = model(slab(corner_uv))
+    hair = model(slab(corner_uv), lines=LineConfig(width=0.001, tip=0.3))
     folder = tmp_path / "hair"
-    hair.lines = replace(hair.lines, width=0.004, tip=0.3)
+    hair.strand_width = 0.004
     save_hair_model(hair, folder, {"seed": "0"})
     again = load_hair_model(folder)
-    assert (again.config, again.lines) == (hair.config, hair.lines)
+    assert again.config == hair.config
+    assert again.lines == hair.lines == replace(hair.config.lines, width=0.004)
     torch.testing.assert_close(again.state_dict(), hair.state_dict(), rtol=0, atol=0)
     torch.testing.assert_close(again(view()).rgb, hair(view()).rgb, rtol=0, atol=0)
     assert sorted(path.name for path in folder.iterdir()) == ["config.json", "model.safetensors"]
