@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
 from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import fit_prior
@@ -37,7 +38,7 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.pictures.lines import lines_picture
 from neural_strands.pictures.plots import DPI, figure_image
 from neural_strands.runs.evaluate import RunContents, evaluate_run, open_run
-from neural_strands.runs.run_fit import FitRequest, find_head, run_fit
+from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.runs.run_folder import weights_digest
 
 CPU = torch.device("cpu")

@@ -18,6 +18,7 @@ import tyro
 from torch.nn import functional as F
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
@@ -43,8 +44,6 @@ from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat
 from neural_strands.raster.visible import visible_points
-from neural_strands.scalp.chart import chart_faces
-from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import attach_roots
 
 
@@ -164,16 +163,16 @@ def main(arguments: Arguments) -> None:
     """Fit, score, and print one JSON object."""
     keep_freed_memory()  # as the command line does
     capture, config = Capture.load(arguments.capture), arguments.config()
-    if capture.ground_truth is None or capture.head is None or capture.scalp_faces is None:
-        sys.exit(f"{arguments.capture}: expected head.obj, scalp_faces.json and ground_truth.npz")
-    head = Head(capture.head, capture.scalp_faces, chart_faces(capture.head, capture.scalp_faces))
+    if capture.ground_truth is None:
+        sys.exit(f"{arguments.capture}: expected ground_truth.npz, found none")
+    head = find_head(capture)
     roots = attach_roots(head, capture.ground_truth.points[:, 0])
     strands = replace(capture.ground_truth, root_uv=roots.uv)
     views = capture.views_on("cpu")
     held = [views[index] for index in held_out_views(len(capture), config.hold_out_every)]
     train = [views[index] for index in training_views(len(capture), config.hold_out_every)]
     first = torch.Generator().manual_seed(arguments.seed)
-    model = HairModel(config.model, roots, StrandGenerator(), capture.head, first)
+    model = HairModel(config.model, roots, StrandGenerator(), head.mesh, first)
     lpips, reason = find_lpips("squeeze", fetch=False)
     begin = time.perf_counter()
 

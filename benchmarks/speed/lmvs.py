@@ -17,6 +17,7 @@ import torch
 import tyro
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import read_head
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.point_queries import match_levels
@@ -52,10 +53,12 @@ def main(given: Arguments) -> None:
     begin = time.perf_counter(), time.process_time()
     generator = torch.Generator().manual_seed(0)
     views = capture.views_on(device)
-    head = None if capture.head is None else capture.head.to(device)
+    file = read_head(capture)
+    head, scalp = (None, None) if file is None else (file.mesh, file.scalp_faces)
+    there = None if head is None else head.to(device)
     # Back on the CPU, so all of it is done when the clock is read.
-    segments = reconstruct(views, head, LmvsConfig(), generator, given.out / "work", track).to("cpu")
-    segments = orient_segments(segments, capture.head, capture.scalp_faces, [], GrowthConfig())
+    segments = reconstruct(views, there, LmvsConfig(), generator, given.out / "work", track).to("cpu")
+    segments = orient_segments(segments, head, scalp, [], GrowthConfig())
     wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     save_segments(given.out / "segments.npz", segments)

@@ -1,7 +1,7 @@
 """A capture: calibrated photographs of one head, with what is known beside them.
 
 A folder holds `transforms.json` or a COLMAP sparse model, the images, and optionally hair masks (`masks/`), person
-masks (`person_masks/`), `head.obj` (or .ply, .stl, .glb), `scalp_faces.json` and `ground_truth.npz`.
+masks (`person_masks/`) and `ground_truth.npz`. The head in it is `capture.head`'s.
 """
 
 from collections.abc import Sequence
@@ -12,24 +12,21 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
-from neural_strands.capture.head_files import read_ground_truth, read_head, read_scalp_faces
+from neural_strands.capture.ground_truth import read_ground_truth
 from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, unit_tensor
 from neural_strands.capture.transforms import read_transforms
 from neural_strands.capture.view_files import ViewFiles
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import Views
 
 CACHE_BYTES = 512 * 1024**2
 """Decoded images kept by default, in bytes as stored (a megapixel of 8-bit RGB takes 3 MB)."""
-
-HEAD_NAMES = ("head.obj", "head.ply", "head.stl", "head.glb")
 
 StoredPart = Literal["image", "alpha", "hair", "person"]
 """What a view's files hold."""
@@ -121,33 +118,6 @@ class Capture:
             tuple(view.hair_mask_path is not None for view in self.files),
             lambda index, part: readers[part](index, device),
         )
-
-    @property
-    def head_path(self) -> Path | None:
-        """The head mesh of the folder, if there is one."""
-        return next((self.folder / name for name in HEAD_NAMES if (self.folder / name).is_file()), None)
-
-    @cached_property
-    def head(self) -> Mesh | None:
-        """The fitted head in world metres, if there is one."""
-        return None if self.head_path is None else read_head(self.head_path)
-
-    @cached_property
-    def scalp_faces(self) -> Int64[Tensor, " scalp"] | None:
-        """Faces of the head that hair grows from, if they are given.
-
-        Raises:
-            InputError: a face is not one of the head's.
-        """
-        path = self.folder / "scalp_faces.json"
-        if not path.is_file():
-            return None
-        faces = read_scalp_faces(path)
-        if self.head is not None and int(faces.max()) >= len(self.head.faces):
-            raise InputError(
-                f"{path}: expected faces below {len(self.head.faces)} (the head's), came {int(faces.max())}."
-            )
-        return faces
 
     @cached_property
     def ground_truth(self) -> Strands | None:

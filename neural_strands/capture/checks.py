@@ -6,18 +6,24 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.check_images import check_exposure, check_files, check_masks, check_sharpness, gather
 from neural_strands.capture.check_views import check_aim, check_doubles, check_scale, check_viewpoints
 from neural_strands.capture.findings import Finding
+from neural_strands.capture.head import head_path
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.scalp.head_file import SCALP_NAME, read_head_file
 
 
-def check_capture(folder: Path) -> list[Finding]:
+def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
     """Look at every part of a capture folder, in the order in which a user would mend it.
+
+    Args:
+        folder: the capture.
+        head_file: head mesh that takes the place of the capture's own, if any.
 
     Raises:
         InputError: the calibration itself cannot be read, so that nothing else can be said.
     """
     capture = Capture.load(folder)
-    head, head_finding = _head(capture)
+    head, head_finding = _head(capture, head_file)
     facts = gather(capture)
     cameras = capture.cameras
     doubles = check_doubles(cameras)
@@ -47,18 +53,20 @@ def _calibration(capture: Capture) -> Finding:
     return Finding("calibration", "good", text + (f", distortion undone in {bent}" if bent else ""))
 
 
-def _head(capture: Capture) -> tuple[Mesh | None, Finding]:
+def _head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Finding]:
+    path = head_path(capture.folder, given)
+    if path is None:
+        action = "put the fitted head there as head.obj, or name it with --head when you check and when you fit"
+        return None, Finding("head", "error", "no head mesh", action)
     try:
-        head, scalp = capture.head, capture.scalp_faces
+        head = read_head_file(path)
     except InputError as error:
-        return None, Finding("head", "error", str(error).rstrip("."), "mend the file or remove it")
-    if head is None:
-        action = "put the fitted head there as head.obj, or let the fit start from the built-in mannequin"
-        return None, Finding("head", "note", "no head mesh", action)
-    text = f"{len(head.faces)} triangles"
-    if scalp is None:
-        return head, Finding("head", "note", f"{text}, no scalp_faces.json", "the scalp will be found from the shape")
-    return head, Finding("head", "good", f"{text}, {len(scalp)} of them scalp")
+        return None, Finding("head", "error", str(error).rstrip("."), "mend the file or name another with --head")
+    text = f"{path.name}, {len(head.mesh.faces)} triangles"
+    if head.scalp_area is None:
+        action = "the scalp will be found from the shape"
+        return head.mesh, Finding("head", "note", f"{text}, no {SCALP_NAME}", action)
+    return head.mesh, Finding("head", "good", f"{text}, {1e4 * head.scalp_area:.0f} cm² of scalp")
 
 
 def _ground_truth(capture: Capture) -> Finding:

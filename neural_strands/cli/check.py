@@ -27,6 +27,8 @@ class Check:
 
     folder: Annotated[Path, tyro.conf.Positional]
     """Holds transforms.json or a COLMAP model, and the images."""
+    head: Path | None = None
+    """Head mesh in the cameras' frame, metres, instead of the capture's own, as `fit --head` takes it."""
     json: bool = False
     """Print one JSON object: "worst" (good, note, warning or error) and "findings", each with topic, level, message,
     action and views."""
@@ -36,7 +38,7 @@ class Check:
         from neural_strands.capture.checks import check_capture
         from neural_strands.capture.findings import worst
 
-        findings = check_capture(self.folder)
+        findings = check_capture(self.folder, self.head)
         if self.json:
             rows = [dataclasses.asdict(finding) for finding in findings]
             sys.stdout.write(json.dumps({"worst": worst(findings), "findings": rows}) + "\n")

@@ -27,7 +27,7 @@ class Fit:
     preset: Literal["demo", "fast", "paper"] = "fast"
     """demo: minutes on two cores; fast: within an hour on two cores; paper: full sizes, for one GPU."""
     head: Path | None = None
-    """Head mesh in the cameras' frame, instead of the capture's own."""
+    """Head mesh in the cameras' frame, metres, instead of the capture's own; scalp_faces.json beside it is used."""
     segments: Path | None = None
     """Line segments of the training views (`neural-strands lmvs`), instead of making them."""
     steps: int | None = None

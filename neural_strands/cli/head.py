@@ -17,10 +17,11 @@ class HeadCheck:
     """Load a head, find or check its scalp, sample roots on it, and draw the chart."""
 
     mesh: Annotated[Path | None, tyro.conf.Positional] = None
-    """Head mesh (.obj, .ply, .glb ...), y up, +z out of the face; the built-in mannequin if left out."""
+    """Head mesh (.obj, .ply, .stl, .glb), y up, +z out of the face; the built-in mannequin if left out."""
 
     scalp: Path | None = None
-    """Scalp: a chart (.json, .json.gz), a list of faces or vertices (.json), or a painted mask; found if left out."""
+    """Scalp: a chart (.json, .json.gz), a list of faces or vertices (.json), or a painted mask. Default:
+    scalp_faces.json beside the mesh; where there is none, the scalp is found from the shape."""
 
     scale: float | None = None
     """Metres in one unit of the mesh; guessed from the head's width if left out."""

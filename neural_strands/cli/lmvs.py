@@ -30,6 +30,8 @@ class Lmvs:
     """Folder of the capture: images, calibration, and, if there are any, hair masks and a head."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the results."""
+    head: Path | None = None
+    """Head mesh in the cameras' frame, metres, instead of the capture's own; scalp_faces.json beside it is used."""
     strokes: Path | None = None
     """Polylines drawn from root to tip that override the growth direction: JSON, a list of {"points": [[x, y, z], ...]}
     in world metres or {"view": NAME, "points": [[x, y], ...]} in pixels of a view."""
@@ -54,6 +56,7 @@ class Lmvs:
     def run(self) -> None:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
+        from neural_strands.capture.head import read_head
         from neural_strands.lmvs.files import save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
@@ -75,14 +78,16 @@ class Lmvs:
         if self.size is not None:
             views = views.reduced(self.size)
         config = LmvsConfig(complete=self.complete)
-        head = None if capture.head is None else capture.head.to(device)
-        segments = reconstruct(views, head, config, seeded(self.seed), self.out / "work", track).to("cpu")
+        file = read_head(capture, self.head)
+        head, scalp = (None, None) if file is None else (file.mesh, file.scalp_faces)
+        there = None if head is None else head.to(device)
+        segments = reconstruct(views, there, config, seeded(self.seed), self.out / "work", track).to("cpu")
         strokes = [lift_stroke(stroke, segments) for stroke in drawn]
         x, y, z = (axis / math.hypot(*self.up) for axis in self.up)
-        segments = orient_segments(segments, capture.head, capture.scalp_faces, strokes, GrowthConfig(), (x, y, z))
+        segments = orient_segments(segments, head, scalp, strokes, GrowthConfig(), (x, y, z))
         for suffix in ("npz", "ply"):
             save_segments(self.out / f"segments.{suffix}", segments)
-        write_report(views, capture.head, segments, self.out)
+        write_report(views, head, segments, self.out)
         result = {
             "points": len(segments),
             "segments": segments.segment_count,

@@ -32,8 +32,8 @@ class PriorReport:
     grooms: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Grooms, captures' folders or their ground_truth.npz; strands not finite or shorter than 3 mm are left out."""
     head: tuple[Path, ...] = ()
-    """Head of each groom, in its frame and metres; without any, a capture's own, or the mannequin fitted to the
-    roots."""
+    """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Without any, a capture's own,
+    or the mannequin fitted to the roots."""
     weights: Path | None = None
     """Weights of the prior; those shipped with the package by default."""
     picture: Path | None = None

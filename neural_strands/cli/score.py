@@ -45,24 +45,23 @@ class Score:
 
     def run(self) -> None:
         """Read, sample, compare, print."""
-        from neural_strands.capture.head_files import read_head, read_scalp_faces
         from neural_strands.evaluation.geometry_metrics import fit_to_head, score_geometry
         from neural_strands.evaluation.score_files import read_oriented_points
+        from neural_strands.scalp.head_file import read_metric_head
 
         if not 0 < self.step <= COARSEST_STEP:
             raise InputError(
                 f"--step: expected more than 0 and at most {COARSEST_STEP} millimetres, came {self.step:g}."
             )
         device = pick_device(self.device)
-        head = None if self.head is None else read_head(self.head).to(device)
-        beside = None if self.head is None else self.head.parent / "scalp_faces.json"
-        scalp = read_scalp_faces(beside).to(device) if beside is not None and beside.is_file() else None
-        if head is not None and scalp is not None and int(scalp.max()) >= len(head.faces):
-            raise InputError(f"{beside}: expected faces below {len(head.faces)} (the head's), came {int(scalp.max())}.")
+        head = None if self.head is None else read_metric_head(self.head)
         predicted = read_oriented_points(self.predicted, 1e-3 * self.step).to(device)
         truth = read_oriented_points(self.truth, 1e-3 * self.step).to(device)
         scores = score_geometry(predicted, truth)
-        fit = None if head is None else fit_to_head(predicted, head, scalp)
+        fit = None
+        if head is not None:
+            scalp = None if head.scalp_faces is None else head.scalp_faces.to(device)
+            fit = fit_to_head(predicted, head.mesh.to(device), scalp)
         if self.json:
             sys.stdout.write(json.dumps(as_dict(scores, fit)) + "\n")
         else:

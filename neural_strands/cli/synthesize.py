@@ -34,9 +34,10 @@ class Synthesize:
     groom: Path | None = None
     """A groom of your own instead (any format of `convert`, metres, y up); needs --head."""
     head: Path | None = None
-    """The head mesh (metres, y up, +z out of the face). Default: the built-in mannequin."""
+    """The head mesh (y up, +z out of the face; its unit is guessed). Default: the built-in mannequin."""
     scalp: Path | None = None
-    """Where hair grows on --head: a chart, a face or vertex list, or a mask image. Default: found from the geometry."""
+    """Where hair grows on --head: a chart, a face or vertex list, or a mask image. Default: scalp_faces.json beside
+    the mesh; where there is none, the scalp is found from the shape."""
     views: int = 24
     """Number of cameras."""
     resolution: int = 256

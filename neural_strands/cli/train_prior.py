@@ -34,8 +34,8 @@ class TrainPrior:
     groom: tuple[Path, ...] = ()
     """Grooms, or captures with true strands, whose strands are added to the curves."""
     head: tuple[Path, ...] = ()
-    """Head of each groom, in its frame and metres; without any, a capture's own, or the mannequin fitted to the
-    roots."""
+    """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Without any, a capture's own,
+    or the mannequin fitted to the roots."""
     seed: int = 0
     """Of all random numbers."""
     device: DeviceName = "auto"

@@ -3,7 +3,7 @@
 import zipfile
 from pathlib import Path
 
-from neural_strands.capture.head_files import read_ground_truth
+from neural_strands.capture.ground_truth import read_ground_truth
 from neural_strands.evaluation.oriented_points import (
     STEP,
     OrientedPoints,

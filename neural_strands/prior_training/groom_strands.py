@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.capture.head_files import read_ground_truth
+from neural_strands.capture.ground_truth import read_ground_truth
+from neural_strands.capture.head import head_path
 from neural_strands.evaluation.score_files import array_names
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.frames import to_local
@@ -14,7 +15,8 @@ from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
 from neural_strands.scalp.fit_similarity import fit_similarity
-from neural_strands.scalp.load import load_head
+from neural_strands.scalp.head_file import read_metric_head
+from neural_strands.scalp.load import chart_head
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots
 
@@ -30,7 +32,7 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
     Args:
         groom: any file that `read_groom` takes; a capture's folder or its ground_truth.npz.
         head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without a head, the capture's own
-            head.obj is used, or the mannequin, fitted to the roots by a similarity that also gives unit and axes.
+            head is used, or the mannequin, fitted to the roots by a similarity that also gives unit and axes.
         points: points per strand in the result.
 
     Raises:
@@ -40,8 +42,7 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
     captured = "strands" in array_names(truth)
     if captured:
         strands = resample_strands(read_ground_truth(truth).points, points)
-        own_head = truth.parent / "head.obj"
-        head = own_head if head is None and own_head.is_file() else head
+        head = head_path(truth.parent, head)
     else:
         strands = read_groom(truth).strands(points).points
     if len(strands) == 0:
@@ -53,8 +54,7 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
         back = fit_similarity(template, strands[:, 0]).inverse()
         strands = back.apply(strands)
     else:
-        beside = head.parent / "scalp_faces.json"
-        template = load_head(head, beside if beside.is_file() else None, scale=1.0)
+        template = chart_head(read_metric_head(head))
     local = to_local(strands, strands[:, 0], attach_roots(template, strands[:, 0]).frame)
     kept = torch.isfinite(local).flatten(1).all(dim=1) & (lengths(local) >= SHORTEST)
     if not kept.any():

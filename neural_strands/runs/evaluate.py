@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.evaluation.geometry_metrics import (
     THRESHOLDS,
@@ -26,7 +27,6 @@ from neural_strands.geometry.views import View
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.runs.run_fit import find_head
 from neural_strands.runs.run_folder import RunFolder, read_description
 from neural_strands.scalp.head import Head
 

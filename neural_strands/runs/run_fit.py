@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitConfig
@@ -34,7 +35,6 @@ from neural_strands.runs.run_folder import (
 )
 from neural_strands.runs.run_log import RunLog
 from neural_strands.scalp.head import Head
-from neural_strands.scalp.load import load_head
 
 CHECKPOINT_SECONDS = 60.0
 PREVIEW_SECONDS = 120.0
@@ -239,20 +239,3 @@ def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback)
     finally:
         if log is not None:
             log.flush()
-
-
-def find_head(capture: Capture, given: Path | None) -> Head:
-    """The head that was given, or the capture's own with its scalp faces.
-
-    Raises:
-        InputError: there is none, or it cannot be read.
-    """
-    if given is not None:
-        return load_head(given)
-    if capture.head_path is None:
-        raise InputError(
-            f"{capture.folder}: expected head.obj (the head in the cameras' frame, metres), found none; "
-            "put one there or name it with --head."
-        )
-    faces = capture.folder / "scalp_faces.json"
-    return load_head(capture.head_path, faces if faces.is_file() else None, scale=1.0)

@@ -1,5 +1,10 @@
-"""Mesh files with their faces in file order, so that lists of faces and charts by loop keep their meaning."""
+"""Mesh files with their faces in file order, so that lists of faces and charts by loop keep their meaning.
 
+A face is a polygon of the file, counted from 0 in file order. Polygons become fans of triangles from their first
+corner; `MeshFile.polygon` leads from a triangle back to its face.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,10 +12,18 @@ import numpy as np
 import torch
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh import Mesh, face_areas
 
 HELPER_GROUPS = ("helper", "joint")
 """Prefixes of groups that are no skin: MakeHuman's base mesh carries clothes proxies and joint cubes."""
+FORMATS = (".obj", ".ply", ".stl", ".glb")
+"""Formats whose faces can be counted as in the file."""
+LARGEST = 1e9
+"""Coordinates and indices beyond this are garbage: no unit makes a head of them."""
+SHOWN = 60
+"""Characters of a faulty line that an error repeats."""
+PLY_TEXTURE_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+"""What exporters call the texture coordinates of a PLY's vertices."""
 
 
 @dataclass(frozen=True)
@@ -30,98 +43,203 @@ class MeshFile:
     polygons: int
 
 
+@dataclass(frozen=True)
+class _Polygons:
+    """What a reader finds in a file.
+
+    Attributes:
+        vertices: (vertex, 3) positions.
+        sizes: (polygon,) corners of each polygon.
+        corners: (corner,) vertex of every corner of every polygon.
+        uv: (corner, 2) texture coordinates, if every corner has some.
+        kept: (polygon,) false where a polygon is no skin.
+    """
+
+    vertices: np.ndarray
+    sizes: np.ndarray
+    corners: np.ndarray
+    uv: np.ndarray | None
+    kept: np.ndarray
+
+
 def read_mesh_file(path: Path) -> MeshFile:
-    """Read OBJ, or anything else that trimesh reads, without merging or reordering.
+    """Read an OBJ, PLY, STL or GLB file without reordering its faces.
 
     Raises:
-        InputError: the file is absent, unreadable, has no faces, or names vertices it does not have.
+        InputError: the file is absent or unreadable, has no surface, or names vertices that it does not have.
     """
     if not path.is_file():
         raise InputError(f"{path}: expected a mesh file, found none there; check the path.")
-    result = _read_obj(path) if path.suffix.lower() == ".obj" else _read_other(path)
-    if len(result.mesh.faces) == 0:
-        raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")
-    if not torch.isfinite(result.mesh.vertices).all():
-        raise InputError(f"{path}: expected finite vertices, found NaN or infinity; repair the mesh.")
-    highest = int(result.mesh.faces.max())
-    if highest >= len(result.mesh.vertices) or int(result.mesh.faces.min()) < 0:
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
         raise InputError(
-            f"{path}: expected vertex numbers up to {len(result.mesh.vertices)}, found {highest + 1}: is it cut off?"
+            f"{path}: expected a mesh in one of the formats {', '.join(FORMATS)}, found '{suffix}'; convert it."
         )
-    return result
+    try:
+        found = _read_obj(path) if suffix == ".obj" else _read_with_trimesh(path)
+    except OSError as error:
+        raise InputError(f"{path}: expected a mesh file, but it cannot be read ({error.strerror or error}).") from error
+    _check(path, found)
+    return _fans(path, found)
 
 
-def _read_obj(path: Path) -> MeshFile:
+def _check(path: Path, found: _Polygons) -> None:
+    """Refuse polygons that make no mesh.
+
+    Raises:
+        InputError: as above.
+    """
+    if not found.kept.any():
+        raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")
+    if not (np.abs(found.vertices) < LARGEST).all():
+        raise InputError(f"{path}: expected finite vertices, found NaN, infinity or more than 1e9; repair the mesh.")
+    if found.uv is not None and not (np.abs(found.uv) < LARGEST).all():
+        raise InputError(
+            f"{path}: expected finite texture coordinates, found NaN, infinity or more than 1e9; "
+            "repair them or export the mesh without."
+        )
+    beyond = (found.corners < 0) | (found.corners >= len(found.vertices))
+    if beyond.any():
+        raise InputError(
+            f"{path}: expected faces of vertices 1 to {len(found.vertices)}, found {found.corners[beyond][0] + 1}; "
+            "the file may be cut off: export it again."
+        )
+    if (found.sizes < 3).any():
+        raise InputError(f"{path}: expected faces of three corners or more, found fewer than three; repair the mesh.")
+
+
+def _fans(path: Path, found: _Polygons) -> MeshFile:
+    """Cut polygons into fans of triangles from their first corner."""
+    sizes = found.sizes
+    first = np.cumsum(sizes) - sizes
+    triangles_each = np.where(found.kept, sizes - 2, 0)
+    polygon = np.repeat(np.arange(len(sizes)), triangles_each)
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(triangles_each) - triangles_each, triangles_each)
+    start = first[polygon]
+    loops = np.stack([start, start + step + 1, start + step + 2], axis=1)
+    corner_uv = None if found.uv is None else torch.from_numpy(found.uv[loops].astype(np.float32))
+    vertices = torch.from_numpy(found.vertices.astype(np.float32))
+    mesh = Mesh(vertices, torch.from_numpy(found.corners[loops]), corner_uv)
+    if not float(face_areas(mesh).sum()) > 0:
+        raise InputError(f"{path}: expected a surface, found faces without any area; export the head as a surface.")
+    return MeshFile(mesh, polygon, loops, len(sizes))
+
+
+def _read_obj(path: Path) -> _Polygons:
+    """Vertices, texture coordinates, faces and groups of a Wavefront OBJ; the rest of it is skipped."""
     vertices: list[list[float]] = []
     textures: list[list[float]] = []
-    polygons: list[list[str]] = []
+    sizes: list[int] = []
+    corners: list[int] = []
+    corner_textures: list[int] = []
     kept: list[bool] = []
     skin = True
     with path.open(encoding="utf-8", errors="replace") as lines:
         for number, line in enumerate(lines, start=1):
             words = line.split()
-            if not words:
-                continue
+            kind = words[0] if words else ""
             try:
-                if words[0] == "v":
-                    vertices.append([float(word) for word in words[1:4]])
-                elif words[0] == "vt":
-                    textures.append([float(word) for word in words[1:3]])
-                elif words[0] == "g":
+                if kind == "v":
+                    x, y, z = (float(word) for word in words[1:4])
+                    vertices.append([x, y, z])
+                elif kind == "vt":
+                    u, v = (float(word) for word in [*words[1:3], "0"][:2])
+                    textures.append([u, v])
+                elif kind == "g":
                     skin = not " ".join(words[1:]).startswith(HELPER_GROUPS)
-                elif words[0] == "f":
-                    polygons.append(words[1:])
+                elif kind == "f":
+                    parts = [word.split("/") for word in words[1:]]
+                    corners += [_index(part[0], len(vertices)) for part in parts]
+                    textured = (part[1] if len(part) > 1 else "" for part in parts)
+                    corner_textures += [_index(word, len(textures)) if word else -1 for word in textured]
+                    sizes.append(len(parts))
                     kept.append(skin)
             except ValueError as error:
-                raise InputError(f"{path}: line {number}: expected numbers, found {line.strip()!r}.") from error
-    try:
-        return _cut(vertices, textures, polygons, np.array(kept, dtype=bool))
-    except (ValueError, IndexError) as error:
-        raise InputError(f"{path}: expected faces of existing vertices and texture points ({error}).") from error
+                expected = "a face of existing vertices, such as f 1 2 3" if kind == "f" else "three finite numbers"
+                expected = "two numbers" if kind == "vt" else expected
+                raise InputError(
+                    f"{path}: line {number}: expected {expected}, found {line.strip()[:SHOWN]!r}; export it again."
+                ) from error
+    uv = None
+    if textures and min(corner_textures, default=-1) >= 0:
+        if max(corner_textures) >= len(textures):
+            raise InputError(
+                f"{path}: expected faces of texture points 1 to {len(textures)}, found {max(corner_textures) + 1}; "
+                "the file may be cut off: export it again."
+            )
+        uv = np.array(textures)[corner_textures]
+    positions = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    return _Polygons(positions, _whole(sizes), _whole(corners), uv, np.array(kept, dtype=bool))
 
 
-def _cut(
-    vertices: list[list[float]], textures: list[list[float]], polygons: list[list[str]], kept: np.ndarray
-) -> MeshFile:
-    """Triangulate polygons as fans from their first corner."""
-    sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
-    if (sizes < 3).any():
-        raise ValueError("a face with fewer than three corners")
-    words = [word.split("/") for polygon in polygons for word in polygon]
-    corner = _resolve(np.array([int(word[0]) for word in words], dtype=np.int64), len(vertices))
-    first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-    triangles_each = np.where(kept, sizes - 2, 0)
-    polygon = np.repeat(np.arange(len(sizes)), triangles_each)
-    step = np.arange(len(polygon)) - np.repeat(np.cumsum(triangles_each) - triangles_each, triangles_each)
-    start = first[polygon]
-    loops = np.stack([start, start + step + 1, start + step + 2], axis=1)
-    corner_uv = None
-    if textures and all(len(word) > 1 and word[1] for word in words):
-        texture = _resolve(np.array([int(word[1]) for word in words], dtype=np.int64), len(textures))
-        corner_uv = torch.tensor(textures, dtype=torch.float32)[torch.from_numpy(texture[loops])]
-    positions = torch.tensor(vertices, dtype=torch.float32).reshape(-1, 3)
-    return MeshFile(Mesh(positions, torch.from_numpy(corner[loops]), corner_uv), polygon, loops, len(sizes))
+def _index(word: str, count: int) -> int:
+    """Index from 0 of what OBJ counts from 1, or back from the last with negative numbers.
+
+    Raises:
+        ValueError: the word is no such number.
+    """
+    number = int(word)
+    if number == 0 or abs(number) > LARGEST or number < -count:
+        raise ValueError(f"no index: {number}")
+    return number - 1 if number > 0 else count + number
 
 
-def _resolve(index: np.ndarray, count: int) -> np.ndarray:
-    """OBJ counts from one, negative numbers from the end."""
-    return np.where(index < 0, index + count, index - 1)
+def _whole(values: Sequence[int]) -> np.ndarray:
+    return np.array(values, dtype=np.int64)
 
 
-def _read_other(path: Path) -> MeshFile:
+def _read_with_trimesh(path: Path) -> _Polygons:
+    """PLY polygon by polygon, and the formats that know triangles only."""
     import trimesh
+    from trimesh.exchange.ply import load_ply
 
     try:
+        if path.suffix.lower() == ".ply":
+            with path.open("rb") as file:
+                return _polygons_of_ply(load_ply(file, skip_materials=True)["metadata"]["_ply_raw"])
         loaded = trimesh.load(path, process=False, force="mesh")
+    except OSError:
+        raise
     except Exception as error:
         raise InputError(
-            f"{path}: expected a mesh that trimesh reads, such as .obj, .ply, .stl or .glb ({error})."
+            f"{path}: expected a {path.suffix[1:].upper()} mesh, but it does not read as one "
+            f"({type(error).__name__}); export it again, for instance as .obj."
         ) from error
     if not isinstance(loaded, trimesh.Trimesh):
-        raise InputError(f"{path}: expected a triangle mesh, found {type(loaded).__name__}.")
-    faces = torch.from_numpy(np.asarray(loaded.faces, dtype=np.int64).reshape(-1, 3).copy())
+        raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")
+    vertices, faces = np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
     uv = getattr(loaded.visual, "uv", None)
-    corner_uv = None if uv is None else torch.from_numpy(np.asarray(uv, dtype=np.float32))[faces]
-    vertices = torch.from_numpy(np.asarray(loaded.vertices, dtype=np.float32).copy())
-    count = len(faces)
-    return MeshFile(Mesh(vertices, faces, corner_uv), np.arange(count), np.arange(3 * count).reshape(-1, 3), count)
+    corner_uv = None if uv is None else np.asarray(uv)[faces].reshape(-1, 2)
+    if len(vertices) == faces.size:
+        # STL repeats every corner: only vertices that are shared make a surface.
+        vertices, shared = np.unique(vertices, axis=0, return_inverse=True)
+        faces = shared.reshape(-1)[faces]
+    return _Polygons(vertices, np.full(len(faces), 3), faces.reshape(-1), corner_uv, np.ones(len(faces), dtype=bool))
+
+
+def _polygons_of_ply(elements: dict) -> _Polygons:
+    """Polygons of a PLY's own tables: trimesh would cut them into triangles in another order.
+
+    Raises:
+        KeyError: it has no vertices or no faces.
+    """
+    table, faces = elements["vertex"]["data"], elements["face"]["data"]
+    vertices = np.column_stack([table[axis] for axis in "xyz"]).astype(np.float64)
+    name = next(name for name in elements["face"]["properties"] if name in ("vertex_indices", "vertex_index"))
+    polygons = [np.asarray(polygon, dtype=np.int64) for polygon in _lists(faces, name)]
+    corners = np.concatenate(polygons)
+    uv = None
+    if "texcoord" in elements["face"]["properties"]:
+        uv = np.concatenate([np.asarray(row, dtype=np.float64) for row in _lists(faces, "texcoord")]).reshape(-1, 2)
+    for names in PLY_TEXTURE_NAMES:
+        if uv is None and set(names) <= set(elements["vertex"]["properties"]):
+            uv = np.column_stack([table[column] for column in names]).astype(np.float64)[corners]
+    if uv is not None and len(uv) != len(corners):
+        raise ValueError("texture coordinates that are not two a corner")
+    sizes = _whole([len(polygon) for polygon in polygons])
+    return _Polygons(vertices, sizes, corners, uv, np.ones(len(sizes), dtype=bool))
+
+
+def _lists(table: dict | np.ndarray, name: str) -> np.ndarray:
+    """A column of lists; binary tables hold each with its length before it."""
+    return table[name] if isinstance(table, dict) else table[name]["f1"]

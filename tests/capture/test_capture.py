@@ -8,6 +8,7 @@ import torch
 
 from neural_strands.capture import capture as capture_module
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import read_head
 from neural_strands.capture.images import read_pixels
 from neural_strands.foundation.errors import InputError
 
@@ -141,7 +142,8 @@ def test_real_captures_project_the_truth_into_the_masks(shared_data):
         capture = Capture.load(shared_data / "captures" / name)
         assert len(capture) == views
         assert capture.ground_truth.points.shape == (strands, 100, 3)
-        assert int(capture.scalp_faces.max()) < len(capture.head.faces)
+        head = read_head(capture)
+        assert int(head.scalp_faces.max()) < len(head.mesh.faces)
         for index in (0, views // 2):
             pixels, depth = capture.cameras[index].project(capture.ground_truth.points.reshape(-1, 3))
             inside = (pixels > 0).all(-1) & (pixels < 512).all(-1) & (depth > 0)
@@ -160,7 +162,7 @@ def test_real_photographs(shared_data):
     capture = Capture.load(shared_data / "photos" / "face")
     assert len(capture) == 65
     assert capture.image(0).shape == (512, 512, 3)
-    assert capture.head is None
+    assert read_head(capture) is None
     assert capture.ground_truth is None
 
 
@@ -194,14 +196,12 @@ def test_wrong_files_are_one_sentence_each(tmp_path):
     folder = write_capture(tmp_path / "c", [frame(f"images/{n}.png") for n in "abc"], images)
     (folder / "images/c.png").write_text("no image")
     (folder / "head.obj").write_text("v 0 0 0\nf 1 2 3\n")
-    (folder / "scalp_faces.json").write_text("[-1]")
     np.savez(folder / "ground_truth.npz", strands=np.zeros((3, 4)))
     capture = Capture.load(folder)
     for read, message in (
         (lambda: capture.image(1), "16 x 12"),
         (lambda: capture.image(2), "do not decode"),
-        (lambda: capture.head, "head.obj"),
-        (lambda: capture.scalp_faces, "scalp_faces.json"),
+        (lambda: read_head(capture), "head.obj"),
         (lambda: capture.ground_truth, "ground_truth.npz"),
     ):
         with pytest.raises(InputError, match=message):

@@ -2,15 +2,17 @@ import json
 
 import cv2
 import numpy as np
+from tiny_capture import ball
 
 from neural_strands.cli.main import main
 
-POSE = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 1.0], [0, 0, 0, 1.0]]
-
 
 def write(folder, images: int):
-    frames = [{"file_path": f"{k}.png", "transform_matrix": POSE} for k in range(2)]
+    """Three views beside each other, a ball for a head, and as many of the photographs as asked for."""
+    poses = [[[1.0, 0, 0, 0.1 * k], [0, 1.0, 0, 0], [0, 0, 1.0, 1.0], [0, 0, 0, 1.0]] for k in range(3)]
+    frames = [{"file_path": f"{k}.png", "transform_matrix": pose} for k, pose in enumerate(poses)]
     (folder / "transforms.json").write_text(json.dumps({"w": 32, "h": 32, "fl_x": 40.0, "frames": frames}))
+    ball().export(folder / "head.obj")
     for k in range(images):
         noise = np.random.default_rng(k).integers(0, 255, (32, 32, 3), np.uint8)
         assert cv2.imwrite(str(folder / f"{k}.png"), noise)
@@ -18,10 +20,10 @@ def write(folder, images: int):
 
 
 def test_the_table_says_what_to_do(tmp_path, capsys):
-    assert main(["check", str(write(tmp_path, 2))]) == 0
+    assert main(["check", str(write(tmp_path, 3))]) == 0
     lines = capsys.readouterr().out.splitlines()
     row = next(k for k, line in enumerate(lines) if line.startswith("WARNING  viewpoints"))
-    assert "2 views" in lines[row]
+    assert "3 views" in lines[row]
     assert lines[row + 1].strip().startswith("-> take")
 
 

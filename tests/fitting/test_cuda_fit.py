@@ -9,6 +9,7 @@ from emulated_device import on_device, waits
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.cli.main import main
 from neural_strands.evaluation.structural_loss import structural_loss
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
@@ -26,7 +27,7 @@ from neural_strands.prior_training import train_prior as prior_module
 from neural_strands.prior_training.config import TrainPriorConfig
 from neural_strands.prior_training.train_prior import train_prior
 from neural_strands.runs.evaluate import evaluate_run, open_run
-from neural_strands.runs.run_fit import FitRequest, find_head, run_fit
+from neural_strands.runs.run_fit import FitRequest, run_fit
 
 CPU = torch.device("cpu")
 SHORT = tiny_config(steps=6, initialise="mean")

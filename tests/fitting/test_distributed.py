@@ -19,7 +19,7 @@ from neural_strands.prior.vae import load_prior
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.first_model import begin
-from neural_strands.runs.run_fit import find_head
+from neural_strands.capture.head import find_head
 from neural_strands.fitting.distributed import Workers
 from tiny_capture import tiny_config, true_segments
 

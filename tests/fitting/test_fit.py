@@ -9,6 +9,7 @@ from full_disk import smallest_files
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitRates
@@ -26,7 +27,6 @@ from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import StrandPrior, load_prior, save_prior
 from neural_strands.runs.outputs import write_outputs, write_preview
-from neural_strands.runs.run_fit import find_head
 from neural_strands.runs.run_folder import RunFolder, weights_digest
 from neural_strands.runs.run_log import RunLog
 

@@ -85,6 +85,12 @@ def test_painted_mask(quads, tmp_path):
         ('"x"', r"face number -> loop number"),
         ("{", r"expected JSON"),
         ("[]", r"scalp with an area, found none"),
+        ("[" + "9" * 31 + "]", r"face numbers from 0 to 2, found 9{31}"),
+        ("[true]", r"face numbers from 0 to 2, found True"),
+        ("[0.5]", r"face numbers from 0 to 2, found 0.5"),
+        ("[" * 100_000, r"expected JSON"),
+        ('{"1": {"4": [1' + "0" * 400 + ", 0]}}", r"face number -> loop number"),
+        ('{"1": {"4": [NaN, 0], "5": [0, 1], "6": [1, 1], "7": [1, 0]}}', r"finite uv"),
     ],
 )
 def test_bad_scalps_are_refused(quads, tmp_path, content, message):
@@ -92,6 +98,9 @@ def test_bad_scalps_are_refused(quads, tmp_path, content, message):
     scalp.write_text(content)
     with pytest.raises(InputError, match=message):
         load_head(quads, scalp, scale=1.0)
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
 @pytest.mark.parametrize(
@@ -103,6 +112,17 @@ def test_bad_scalps_are_refused(quads, tmp_path, content, message):
         ("v 0 0 0\nf 1 1\n", "fewer than three"),
         ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite"),
         ("v 0 0 0\nf a b c\n", "existing vertices"),
+        ("v 0 0 0\nf 1 1 1\n", "without any area"),
+        ("v 1\nf 1 1 1\n", "line 1: expected three finite numbers, found 'v 1'"),
+        (TRIANGLE + "f 1 2 " + "9" * 20 + "\n", "line 4: expected a face of existing vertices"),
+        (TRIANGLE + "f 1 2 -4\n", "line 4: expected a face of existing vertices"),
+        (TRIANGLE + "f 1 2 0\n", "line 4: expected a face of existing vertices"),
+        (TRIANGLE + "vt nan 0\nf 1/1 2/1 3/1\n", "finite texture coordinates"),
+        (TRIANGLE + "vt 0 0\nf 1/1 2/2 3/1\n", "texture points 1 to 1, found 2"),
+        (TRIANGLE + "vt x\n", "line 4: expected two numbers"),
+        ("v 1e300 0 0\n" + TRIANGLE + "f 1 2 3\n", "more than 1e9"),
+        (TRIANGLE + "g helper-hair\nf 1 2 3\n", "found none"),
+        (TRIANGLE + "f 1 2 " + "x" * 10_000 + "\n", r"found 'f 1 2 x{54}'"),
     ],
 )
 def test_bad_meshes_are_refused(tmp_path, text, message):
@@ -110,6 +130,39 @@ def test_bad_meshes_are_refused(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         load_head(path)
+
+
+def test_negative_numbers_count_back_from_the_line(tmp_path):
+    path = tmp_path / "m.obj"
+    path.write_text(TRIANGLE + "f -3 -2 -1\nv 0 0 5\nf -1 1 2\n")
+    assert read_mesh_file(path).mesh.faces.tolist() == [[0, 1, 2], [3, 0, 1]]
+
+
+@pytest.mark.parametrize("name", ["bad.ply", "bad.stl", "bad.glb"])
+@pytest.mark.parametrize("content", [b"", b"\x00" * 90, b"ply\nformat ascii 1.0\nelement vertex 3\n", b"glTF" * 20])
+def test_garbage_in_other_formats_is_one_sentence(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=rf"{name}: expected a .*export") as caught:
+        read_mesh_file(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_suffixes_and_unreadable_files_are_refused(quads, tmp_path, monkeypatch):
+    (tmp_path / "m.dae").write_text("<xml/>")
+    with pytest.raises(InputError, match=r"\.obj, \.ply, \.stl, \.glb, found '\.dae'"):
+        read_mesh_file(tmp_path / "m.dae")
+    (tmp_path / "s.png").write_bytes(b"")
+    with pytest.raises(InputError, match="found neither"):
+        load_head(quads, tmp_path / "s.png")
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(quads), "open", refused)
+    for path in (quads, tmp_path / "m.ply"):
+        path.touch()
+        with pytest.raises(InputError, match="cannot be read \\(Permission denied\\)"):
+            read_mesh_file(path)
 
 
 def test_absent_files_are_refused(quads, tmp_path):
@@ -188,6 +241,44 @@ def test_other_formats_keep_their_order(tmp_path):
     read = read_mesh_file(path).mesh
     assert torch.equal(read.faces, mesh.faces)
     torch.testing.assert_close(read.vertices, mesh.vertices)
+
+
+@pytest.mark.parametrize("kind", ["ascii 1.0", "binary_little_endian 1.0"])
+def test_polygons_of_a_ply_are_counted_as_in_the_file(quads, tmp_path, kind):
+    """Two quads, as trimesh would cut them: both first halves, then both second halves."""
+    table = read_mesh_file(quads).mesh
+    polygons = np.array([[0, 1, 2, 3], [3, 2, 4, 5]], dtype="<i4")
+    header = f"ply\nformat {kind}\nelement vertex 7\n" + "".join(f"property float {name}\n" for name in "xyzst")
+    header += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    vertices = np.concatenate([table.vertices, table.vertices[:, [0, 2]] / 3], axis=1).astype("<f4")
+    if kind.startswith("ascii"):
+        rows = [" ".join(map(str, row)) for row in vertices.tolist()]
+        body = ("\n".join(rows + [f"4 {a} {b} {c} {d}" for a, b, c, d in polygons.tolist()]) + "\n").encode()
+    else:
+        body = vertices.tobytes() + b"".join(b"\x04" + row.tobytes() for row in polygons)
+    (tmp_path / "q.ply").write_bytes(header.encode() + body)
+    read = read_mesh_file(tmp_path / "q.ply")
+    assert read.polygon.tolist() == [0, 0, 1, 1]
+    assert read.mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 4], [3, 4, 5]]
+    torch.testing.assert_close(read.mesh.corner_uv, torch.from_numpy(vertices[:, 3:])[read.mesh.faces])
+
+
+def test_an_stl_is_welded_to_a_surface(tmp_path):
+    import trimesh
+
+    mesh = mannequin().mesh
+    path = tmp_path / "m.stl"
+    trimesh.Trimesh(mesh.vertices.numpy(), mesh.faces.numpy(), process=False).export(path)
+    read = read_mesh_file(path).mesh
+    assert len(read.vertices) == len(mesh.vertices.unique(dim=0))
+    assert torch.equal(read.corners(), mesh.corners())
+    assert load_head(path).scalp_area == pytest.approx(mannequin().scalp_area, rel=1e-4)
+
+
+def test_a_scale_that_is_no_length_is_refused(quads):
+    for scale in (-1.0, 0.0, float("inf"), float("nan")):
+        with pytest.raises(InputError, match="more than 0 metres a unit"):
+            load_head(quads, scale=scale)
 
 
 def test_a_lone_triangle_is_still_charted(tmp_path):
