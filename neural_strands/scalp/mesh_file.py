@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, excerpt, reason
+from neural_strands.foundation.input_files import check_file
 from neural_strands.geometry.mesh import Mesh, face_areas
 
 HELPER_GROUPS = ("helper", "joint")
@@ -20,8 +21,6 @@ FORMATS = (".obj", ".ply", ".stl", ".glb")
 """Formats whose faces can be counted as in the file."""
 LARGEST = 1e9
 """Coordinates and indices beyond this are garbage: no unit makes a head of them."""
-SHOWN = 60
-"""Characters of a faulty line that an error repeats."""
 PLY_TEXTURE_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 """What exporters call the texture coordinates of a PLY's vertices."""
 
@@ -68,8 +67,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     Raises:
         InputError: the file is absent or unreadable, has no surface, or names vertices that it does not have.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: expected a mesh file, found none there; check the path.")
+    check_file(path, "a mesh file")
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise InputError(
@@ -78,7 +76,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     try:
         found = _read_obj(path) if suffix == ".obj" else _read_with_trimesh(path)
     except OSError as error:
-        raise InputError(f"{path}: expected a mesh file, but it cannot be read ({error.strerror or error}).") from error
+        raise InputError(f"{path}: expected a mesh file, but it cannot be read ({reason(error)}).") from error
     _check(path, found)
     return _fans(path, found)
 
@@ -158,7 +156,7 @@ def _read_obj(path: Path) -> _Polygons:
                 expected = "a face of existing vertices, such as f 1 2 3" if kind == "f" else "three finite numbers"
                 expected = "two numbers" if kind == "vt" else expected
                 raise InputError(
-                    f"{path}: line {number}: expected {expected}, found {line.strip()[:SHOWN]!r}; export it again."
+                    f"{path}: line {number}: expected {expected}, found {excerpt(line.strip())}; export it again."
                 ) from error
     uv = None
     if textures and min(corner_textures, default=-1) >= 0:
@@ -203,7 +201,7 @@ def _read_with_trimesh(path: Path) -> _Polygons:
     except Exception as error:
         raise InputError(
             f"{path}: expected a {path.suffix[1:].upper()} mesh, but it does not read as one "
-            f"({type(error).__name__}); export it again, for instance as .obj."
+            f"({reason(error)}); export it again, for instance as .obj."
         ) from error
     if not isinstance(loaded, trimesh.Trimesh):
         raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")

@@ -1,12 +1,7 @@
 """Where hair grows, as a file says it: a chart, a list of faces or vertices, or a painted mask."""
 
-import gzip
-import json
-import math
-import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,12 +9,14 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.input_files import read_bytes
+from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.scalp.mesh_file import MeshFile
 
+MOST_LOOPS = 10**9
+"""Corners of a mesh, all polygons together, at most."""
 PAINTED = 0.5
 """Brightness from which a mask's pixel is scalp."""
-SHOWN = 60
-"""Characters of a wrong value that an error repeats."""
 
 
 @dataclass(frozen=True)
@@ -53,62 +50,49 @@ def read_scalp_file(path: Path, source: MeshFile) -> ScalpFile:
     Raises:
         InputError: the file is missing, unreadable or contradicts the mesh.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: expected a scalp (chart, list or mask), found no file; check the path.")
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: expected a scalp, but it cannot be read ({error.strerror or error}).") from error
+    what = "what says where hair grows (a chart, a list of faces or a mask)"
     if not path.name.endswith((".json", ".json.gz")):
-        return ScalpFile(path, _painted(path, raw, source))
-    try:
-        content = json.loads(gzip.decompress(raw) if path.suffix == ".gz" else raw)
-    except (OSError, EOFError, ValueError, zlib.error, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found something else ({type(error).__name__}).") from error
-    if isinstance(content, list):
-        content = {"faces": content}
-    if isinstance(content, dict) and isinstance(content.get("faces"), list):
-        return ScalpFile(path, _of_polygons(source, _indices(content["faces"], source.polygons, "face", path)))
-    if isinstance(content, dict) and isinstance(content.get("vertices"), list):
-        count = len(source.mesh.vertices)
-        chosen = torch.zeros(count, dtype=torch.bool)
-        chosen[_indices(content["vertices"], count, "vertex", path)] = True
+        return ScalpFile(path, _painted(path, read_bytes(path, what), source))
+    document = read_json(path, what, "give the list or chart that was made for this mesh")
+    if isinstance(document.value, list):
+        return ScalpFile(path, _of_polygons(source, document.wholes(0, source.polygons - 1)))
+    if not isinstance(document.value, dict):
+        raise document.refuse("a list of faces, or face number -> loop number -> [u, v]")
+    if (listed := document.optional("faces")) is not None:
+        return ScalpFile(path, _of_polygons(source, listed.wholes(0, source.polygons - 1)))
+    if (listed := document.optional("vertices")) is not None:
+        chosen = torch.zeros(len(source.mesh.vertices), dtype=torch.bool)
+        chosen[listed.wholes(0, len(chosen) - 1)] = True
         return ScalpFile(path, torch.nonzero(chosen[source.mesh.faces].all(dim=1)).squeeze(1))
-    return _charted(path, content, source)
+    return _charted(path, document, source)
 
 
-def _charted(path: Path, content: Any, source: MeshFile) -> ScalpFile:
+def _charted(path: Path, document: JsonValue, source: MeshFile) -> ScalpFile:
     """Read face number -> loop number -> uv."""
-    try:
-        numbers = [int(face) for face in content]
-        loops = {int(loop): (float(u), float(v)) for corners in content.values() for loop, (u, v) in corners.items()}
-    except (TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise InputError(
-            f"{path}: expected face number -> loop number -> [u, v], or a list of faces, found something else; "
-            "export the chart again."
-        ) from error
-    faces = _of_polygons(source, _indices(numbers, source.polygons, "face", path))
+    charted = document.members()
+    numbers = [_number(name, source.polygons, document) for name in charted]
+    loops: dict[int, np.ndarray] = {}
+    for corners in charted.values():
+        loops |= {_number(name, MOST_LOOPS, corners): uv.array(2) for name, uv in corners.members().items()}
+    faces = _of_polygons(source, numbers)
     wanted = source.loops[faces.numpy()]
     missing = sorted(set(wanted.ravel().tolist()) - loops.keys())
     if missing:
         raise InputError(f"{path}: expected uv for every loop of its faces, found none for loop {missing[0]}.")
-    uv = [[loops[loop] for loop in face] for face in wanted.tolist()]
-    if not all(math.isfinite(value) for face in uv for corner in face for value in corner):
-        raise InputError(f"{path}: expected finite uv, found NaN or infinity; export the chart again.")
-    return ScalpFile(path, faces, torch.tensor(uv, dtype=torch.float32).reshape(-1, 3, 2))
+    uv = np.array([[loops[loop] for loop in face] for face in wanted.tolist()], dtype=np.float32)
+    return ScalpFile(path, faces, torch.from_numpy(uv.reshape(-1, 3, 2)))
 
 
-def _of_polygons(source: MeshFile, numbers: Int64[Tensor, " polygon"]) -> Int64[Tensor, " scalp"]:
+def _number(name: str, count: int, owner: JsonValue) -> int:
+    """The face or loop that a member's name counts."""
+    if name.isascii() and name.isdigit() and len(name) <= 10 and int(name) < count:
+        return int(name)
+    raise replace(owner, value=name).refuse(f"names that are numbers from 0 to {count - 1}")
+
+
+def _of_polygons(source: MeshFile, numbers: list[int]) -> Int64[Tensor, " scalp"]:
     """The triangles of the named polygons."""
-    return torch.from_numpy(np.flatnonzero(np.isin(source.polygon, numbers.numpy())))
-
-
-def _indices(values: list[Any], count: int, kind: str, path: Path) -> Int64[Tensor, " index"]:
-    wrong = [value for value in values if not (type(value) is int and 0 <= value < count)]
-    if wrong:
-        found = repr(wrong[0])[:SHOWN]
-        raise InputError(f"{path}: expected {kind} numbers from 0 to {count - 1}, found {found}; is it another mesh's?")
-    return torch.tensor(sorted(set(values)), dtype=torch.int64)
+    return torch.from_numpy(np.flatnonzero(np.isin(source.polygon, numbers)))
 
 
 def _painted(path: Path, raw: bytes, source: MeshFile) -> Int64[Tensor, " scalp"]:
