@@ -7,8 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.flow.conservation import ConservationConfig, conserve
-from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions
-from neural_strands.flow.grid import VoxelGrid
+from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
 from neural_strands.flow.tracing import TraceConfig, trace_strands
 from neural_strands.geometry.frames import to_local
@@ -38,7 +37,7 @@ class InitialConfig:
 def hair_flow(segments: LineSegments, views: Views, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:
     """Directions and extent of the hair, from segments, masks (where there are any) and the scalp."""
     known = torch.cat([segments.points, roots.position])
-    grid = VoxelGrid.around(known, config.flow.spacing, config.flow.margin)
+    grid = grid_around(known, config.flow.spacing, config.flow.margin)
     if any(views.has_hair_mask):
         domain = hair_hull(grid, views.hair_masks(), head, config.hull)
     else:

@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.nn import functional
 
+from neural_strands.flow.faces import behind_faces, face_neighbours
 from neural_strands.flow.field import FlowField
-from neural_strands.flow.grid import VoxelGrid, behind_faces, face_neighbours
+from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def conserve(
     if config.rounds == 0 or not bool(field.domain.any()):
         return field
     number = torch.nonzero(field.domain.reshape(-1)).squeeze(1)
-    given = functional.normalize(field.directions.reshape(3, -1).T[number], dim=1)
+    given = functional.normalize(field.directions.reshape(-1, 3)[number], dim=1)
     scalp = under_scalp(field.grid, scalp_points, scalp_normals, depth) & ~field.domain
     cells = flow_cells(field.domain, scalp, given, config.way_out)
     enough = config.tolerance * float(face_flow(given, cells).sum(dim=1).norm())
@@ -89,7 +90,7 @@ def conserve(
         speed = (flow * given).sum(dim=1)
         speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
     kept = torch.where(flow.norm(dim=1, keepdim=True) > 1e-6, functional.normalize(flow, dim=1), given)
-    directions = field.directions.reshape(3, -1).index_copy(1, number, kept.T).reshape_as(field.directions)
+    directions = field.directions.reshape(-1, 3).index_copy(0, number, kept).reshape_as(field.directions)
     return FlowField(field.grid, directions, field.domain)
 
 

@@ -11,8 +11,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.flow.grid import VoxelGrid, face_neighbours
+from neural_strands.flow.faces import face_neighbours
+from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.voxel_grid import VoxelGrid
+
+MOST_VOXELS = 50_000_000
+"""More than this memory should not hold."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +50,25 @@ class FlowField:
     """
 
     grid: VoxelGrid
-    directions: Float[Tensor, "3 x y z"]
+    directions: Float[Tensor, "x y z 3"]
     domain: Bool[Tensor, "x y z"]
+
+
+def grid_around(points: Float[Tensor, "point 3"], spacing: float, margin: float) -> VoxelGrid:
+    """The grid that holds `points` with `margin` metres on every side.
+
+    Raises:
+        InputError: the box would have more voxels than memory should hold.
+    """
+    low, high = (points.amin(dim=0) - margin).tolist(), (points.amax(dim=0) + margin).tolist()
+    grid = VoxelGrid.filling(low, high, spacing)
+    if grid.count > MOST_VOXELS:
+        extent = " x ".join(f"{end - start:.2f}" for start, end in zip(low, high, strict=True))
+        raise InputError(
+            f"the hair spans {extent} m, expected a head's size in metres at {1000 * spacing:g} mm a voxel; "
+            "check the capture's scale, or remove stray segments."
+        )
+    return grid
 
 
 def diffuse_directions(
@@ -78,7 +100,7 @@ def diffuse_directions(
     start = pull_push(shell, fixed.to(shell))
     cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
     neighbours = face_neighbours(domain)
-    value, known, normals = (volume.reshape(3, -1).T[cells] for volume in (start, shell, normal))
+    value, known, normals = (volume.reshape(-1, 3)[cells] for volume in (start, shell, normal))
     is_fixed, is_pulled = (mask.reshape(-1)[cells, None] for mask in (fixed, pulled))
     value = functional.normalize(value, dim=-1)
     count = (neighbours < len(cells)).sum(dim=1, keepdim=True)
@@ -90,12 +112,16 @@ def diffuse_directions(
         towards_normal = (1 - config.normal_pull) * mean + config.normal_pull * strength * normals
         value = torch.where(is_fixed, known, torch.where(is_pulled, towards_normal, mean))
     # Outside the domain the filled start stands, for streamlines that graze the border.
-    field = start.reshape(3, -1).index_copy(1, cells, functional.normalize(value, dim=-1).T).reshape_as(start)
+    field = start.reshape(-1, 3).index_copy(0, cells, functional.normalize(value, dim=-1)).reshape_as(start)
     return FlowField(grid, field, domain)
 
 
-def pull_push(values: Float[Tensor, "channel x y z"], weight: Float[Tensor, "x y z"]) -> Float[Tensor, "channel x y z"]:
+def pull_push(values: Float[Tensor, "x y z channel"], weight: Float[Tensor, "x y z"]) -> Float[Tensor, "x y z channel"]:
     """Fill voxels of weight 0 from coarser and coarser averages of the weighted ones (Gortler et al. 1996)."""
+    return _filled(values.permute(3, 0, 1, 2), weight).permute(1, 2, 3, 0).contiguous()
+
+
+def _filled(values: Float[Tensor, "channel x y z"], weight: Float[Tensor, "x y z"]) -> Float[Tensor, "channel x y z"]:
     known = weight.clamp(max=1.0)
     if min(weight.shape) <= 2:
         total = (values * known).sum(dim=(1, 2, 3)) / known.sum().clamp(min=1e-9)
@@ -104,7 +130,7 @@ def pull_push(values: Float[Tensor, "channel x y z"], weight: Float[Tensor, "x y
     padding = (0, odd[0], 0, odd[1], 0, odd[2])
     weighted = functional.avg_pool3d(functional.pad(values * known, padding)[None], 2)[0] * 8
     summed = functional.avg_pool3d(functional.pad(known, padding)[None], 2)[0] * 8
-    coarse = pull_push(weighted / summed.clamp(min=1e-9), summed)
+    coarse = _filled(weighted / summed.clamp(min=1e-9), summed)
     filled = functional.interpolate(coarse[None], scale_factor=2.0, mode="trilinear", align_corners=False)[0]
     filled = filled[:, : weight.shape[0], : weight.shape[1], : weight.shape[2]]
     return values * known + filled * (1 - known)
@@ -115,11 +141,10 @@ def _average(
     points: Float[Tensor, "point 3"],
     directions: Float[Tensor, "point 3"],
     weights: Float[Tensor, " point"],
-) -> tuple[Float[Tensor, "3 x y z"], Float[Tensor, "x y z"]]:
+) -> tuple[Float[Tensor, "x y z 3"], Float[Tensor, "x y z"]]:
     """Unit mean direction and summed weight of the points in each voxel; zero where there are none."""
     index, inside = grid.index(points)
     weights = weights.clamp(min=1e-6) * inside
     total = points.new_zeros(grid.count, 3).index_add(0, index, directions * weights[:, None])
     weight = points.new_zeros(grid.count).index_add(0, index, weights)
-    mean = functional.normalize(total, dim=-1)
-    return mean.T.reshape(3, *grid.shape).contiguous(), weight.reshape(grid.shape)
+    return functional.normalize(total, dim=-1).reshape(*grid.shape, 3), weight.reshape(grid.shape)

@@ -1,17 +1,18 @@
 """Where hair can be: the volume that no view proves empty, outside the head."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from neural_strands.flow.grid import VoxelGrid
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.signed_distance import signed_distance
-from neural_strands.raster.triangles import rasterise_triangles
+from neural_strands.geometry.visual_hull import Silhouette, visual_hull
+from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
 @dataclass(frozen=True)
@@ -41,25 +42,18 @@ def hair_hull(
         config: tolerances.
     """
     config = config or HullConfig()
-    centres = grid.centres().reshape(-1, 3)
-    left = torch.arange(grid.count, device=centres.device)
-    for camera, mask in views:
-        depth = rasterise_triangles(head.vertices, head.faces, camera).depth
-        pixels, distance = camera.project(centres[left])
-        column, row = pixels[:, 0].floor(), pixels[:, 1].floor()
-        seen = (distance > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        chosen = torch.nonzero(seen).squeeze(1)
-        flat = row[chosen].long() * camera.width + column[chosen].long()
-        radius = round(config.mask_margin / camera.footprint(float(distance[chosen].median()))) if len(chosen) else 0
-        empty = widen(mask, radius) < config.mask_threshold
-        before_head = distance[chosen] < depth.reshape(-1)[flat]
-        kept = torch.ones_like(seen)
-        kept[chosen[empty.reshape(-1)[flat] & before_head]] = False
-        left = left[kept]
-    left = left[signed_distance(centres[left], head).distance > -config.head_depth]
-    possible = torch.zeros(grid.count, dtype=torch.bool, device=centres.device)
-    possible[left] = True
-    return possible.reshape(grid.shape)
+    index = MeshIndex(head)
+    nodes = grid.nodes(head.vertices.device)
+    middle = nodes.mean(dim=(0, 1, 2))
+
+    def silhouettes() -> Iterator[Silhouette]:
+        for camera, mask in views:
+            radius = round(config.mask_margin / camera.footprint(float((camera.position - middle).norm())))
+            yield Silhouette.of(camera, widen(mask, radius) >= config.mask_threshold, index)
+
+    possible = visual_hull(grid, silhouettes(), torch.ones(grid.shape, dtype=torch.bool, device=nodes.device))
+    possible[possible.clone()] = signed_distance(nodes[possible], head).distance > -config.head_depth
+    return possible
 
 
 def covered_volume(
@@ -78,7 +72,7 @@ def covered_volume(
         filled[index[inside]] = True
     volume = filled.reshape(grid.shape)
     grown = torch.nn.functional.max_pool3d(volume[None, None].float(), 3, stride=1, padding=1)[0, 0] > 0
-    outside = signed_distance(grid.centres().reshape(-1, 3), head).distance > -config.head_depth
+    outside = signed_distance(grid.nodes(head.vertices.device).reshape(-1, 3), head).distance > -config.head_depth
     return grown & outside.reshape(grid.shape)
 
 

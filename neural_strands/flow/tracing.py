@@ -43,7 +43,7 @@ def trace_strands(
     """
     config = config or TraceConfig()
     steps = max(int(config.longest / config.step), 2)
-    inside = field.domain.to(field.directions)[None]
+    inside = field.domain.to(field.directions)[..., None]
     position, direction = roots, functional.normalize(normals, dim=-1)
     alive = torch.ones(len(roots), dtype=torch.bool, device=roots.device)
     path = [position]
@@ -54,7 +54,7 @@ def trace_strands(
         ahead = position + config.step * second
         travelled = (step + 1) * config.step
         if travelled > config.grace:
-            alive = alive & (field.grid.sample(inside, ahead)[:, 0] >= 0.5)
+            alive = alive & (field.grid.sample(inside, ahead, outside="border")[:, 0] >= 0.5)
         if travelled > config.shortest and not bool(alive.any()):
             break
         moving = alive | (travelled <= config.shortest)
@@ -68,6 +68,6 @@ def _follow(
     field: FlowField, position: Float[Tensor, "root 3"], fallback: Float[Tensor, "root 3"]
 ) -> Float[Tensor, "root 3"]:
     """Unit direction at a position; the fallback where the field vanishes."""
-    sampled = field.grid.sample(field.directions, position)
+    sampled = field.grid.sample(field.directions, position, outside="border")
     weak = sampled.norm(dim=-1, keepdim=True) < 1e-3
     return functional.normalize(torch.where(weak, fallback, sampled), dim=-1)

@@ -1,5 +1,6 @@
-"""Closest points of triangle meshes through Warp's bounding volume hierarchy, with a brute-force torch twin."""
+"""Closest points of triangle meshes, and where rays meet them, through Warp's bounding volume hierarchy."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -8,7 +9,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
-from neural_strands.geometry.kernels.mesh_queries import closest_kernel, signed_kernel
+from neural_strands.geometry.kernels.mesh_queries import closest_kernel, ray_kernel, signed_kernel
 from neural_strands.geometry.mesh import Mesh, barycentric_coordinates
 
 
@@ -64,6 +65,13 @@ class MeshIndex:
         ]
         kernels.launch_split(signed_kernel, len(points), inputs, points.device)
         return _closest_points(points, self.mesh, face.long(), weights.to(points)), sign.to(points)
+
+    def ray_distance(self, origin: Float[Tensor, "3"], rays: Float[Tensor, "ray 3"]) -> Float[Tensor, " ray"]:
+        """Distance from `origin` along each unit ray to the surface, metres; infinite where it misses."""
+        distance = torch.full((len(rays),), math.inf, device=rays.device)
+        inputs = [self._warp.id, wp.vec3(*origin.tolist()), kernels.array(rays, wp.vec3), kernels.array(distance)]
+        kernels.launch_split(ray_kernel, len(rays), inputs, rays.device)
+        return distance
 
     @staticmethod
     def _outputs(points: Float[Tensor, "point 3"]) -> tuple[Tensor, Tensor]:

@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 import torch
-import warp as wp
 from jaxtyping import Float
 from torch import Tensor
 
@@ -17,8 +16,10 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.views import Views
+from neural_strands.geometry.visual_hull import Silhouette, head_distance, possible_points, visual_hull
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.connected_hair import large_masses
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
@@ -26,19 +27,9 @@ from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share
 from neural_strands.lmvs.inputs_digest import inputs_digest
 from neural_strands.lmvs.orientation import OrientationConfig
 from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
+from neural_strands.lmvs.region import Region, find_region
 from neural_strands.lmvs.scale import check_head_size, check_scene, in_metres, of_one_scale
-from neural_strands.lmvs.search_range import (
-    Carver,
-    Hull,
-    Region,
-    Sight,
-    find_region,
-    head_distance,
-    not_seen_empty,
-    ray_bounds,
-    sight_of,
-    warp_mesh,
-)
+from neural_strands.lmvs.search_range import SmoothHull, ray_bounds
 from neural_strands.lmvs.view_cache import ViewCache
 
 log = logging.getLogger(__name__)
@@ -93,11 +84,10 @@ class LmvsConfig:
 class _Scene:
     """What every view's matching shares."""
 
-    work: ViewCache
     region: Region
-    hull: Hull
-    mesh: wp.Mesh | None
-    sights: list[Sight]
+    hull: SmoothHull
+    head: MeshIndex | None
+    silhouettes: list[Silhouette]
     footprint: float
     masked: bool
 
@@ -129,20 +119,20 @@ def reconstruct(
     check_head_size(head)
     with TemporaryDirectory() as temporary:
         seed = int(torch.randint(0, 2**30, (1,), generator=generator))
-        work = ViewCache(folder or Path(temporary), views, config.orientation)
+        cache = ViewCache(folder or Path(temporary), views, config.orientation)
         if folder is not None:
-            work.keep_only(inputs_digest(views, head, _of_views(config, seed)))
-        good = [i for i in track(range(len(views)), "orientation", len(views)) if work.prepare(i)]
-        good = _well_placed(views.cameras, good, head, work)
+            cache.keep_only(inputs_digest(views, head, _of_views(config, seed)))
+        good = [i for i in track(range(len(views)), "orientation", len(views)) if cache.prepare(i)]
+        good = _well_placed(views.cameras, good, head, cache)
         if len(good) < 2:
             raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
-        scene = _survey(views, good, head, config, work)
+        scene = _survey(views, good, head, config, cache)
         cameras = views.cameras
         for i in track(good, "lines", len(good)):
-            if not work.has_lines(i):
+            if not cache.has_lines(i):
                 neighbours = _neighbours(cameras, good, i, scene.region, config.least_baseline)
-                work.save_lines(i, _match(work, scene, i, neighbours, config, seed + 1000 * i))
-        parts = [_fuse(work, cameras, good, i, scene, config) for i in track(good, "fusion", len(good))]
+                cache.save_lines(i, _match(cache, scene, i, neighbours, config, seed + 1000 * i))
+        parts = [_fuse(cache, cameras, good, i, scene, config) for i in track(good, "fusion", len(good))]
     confirmed, guesses = (join_points(kind) for kind in zip(*parts, strict=True))
     segments = grow_chains(confirmed, scene.footprint, config.chains, generator)
     if not scene.masked:
@@ -169,7 +159,7 @@ def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, confi
     return share < config.filled
 
 
-def _room(hull: Hull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
+def _room(hull: SmoothHull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
     """Points spread evenly over the hull outside the head; `most` before those inside are left out."""
     nodes = hull.nodes()[:most]
     return nodes if head is None else nodes[signed_distance(nodes, head).distance > 0]
@@ -180,7 +170,7 @@ def _of_views(config: LmvsConfig, seed: int) -> list[object]:
     return [config.orientation, config.patchmatch, config.least_baseline, config.thickness, config.voxel, seed]
 
 
-def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, work: ViewCache) -> list[int]:
+def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, cache: ViewCache) -> list[int]:
     """Leave out, with a warning, the views whose camera lies inside the head or is in another unit than the others."""
     if head is not None and good:
         centres = torch.stack([cameras[i].position for i in good])
@@ -193,24 +183,23 @@ def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, 
         good = [i for i, wrong in zip(good, inside, strict=True) if not wrong]
     if len(good) < 2:
         return good
-    kept = of_one_scale([cameras[i] for i in good], [work.features(i).box for i in good])
+    kept = of_one_scale([cameras[i] for i in good], [cache.features(i).box for i in good])
     return [i for i, fine in zip(good, kept, strict=True) if fine]
 
 
-def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig, work: ViewCache) -> _Scene:
+def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig, cache: ViewCache) -> _Scene:
     """Find where the hair is, and carve its hull."""
     cameras = [views.cameras[i] for i in good]
     masked = any(views.has_hair_mask[i] for i in good)
-    region = find_region(cameras, [work.features(i).box for i in good], masked)
+    region = find_region(cameras, [cache.features(i).box for i in good], masked)
     check_scene(region, head)
     footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
     footprint = float(torch.tensor(footprints).median())
-    mesh = None if head is None else warp_mesh(head)
-    carver = Carver(region, config.voxel * footprint)
-    sights = [sight_of(views.cameras[i], work.features(i).silhouette, mesh) for i in good]
-    for sight in sights:
-        carver.add(sight)
-    return _Scene(work, region, carver.hull(), mesh, sights, footprint, masked)
+    index = None if head is None else MeshIndex(head)
+    silhouettes = [Silhouette.of(views.cameras[i], cache.features(i).silhouette, index) for i in good]
+    grid = region.grid(config.voxel * footprint)
+    hull = SmoothHull.of(grid, visual_hull(grid, silhouettes, region.holds(grid)))
+    return _Scene(region, hull, index, silhouettes, footprint, masked)
 
 
 def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
@@ -223,9 +212,9 @@ def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Regi
     return [j for _, j in chosen[:8]]
 
 
-def _match(work: ViewCache, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
+def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
     """Lines of one view."""
-    reference = work.features(i)
+    reference = cache.features(i)
     pixel = torch.nonzero(reference.hair).flip(1)
     stride = min(level.stride for level in config.patchmatch.levels)
     pixel = pixel[on_grid(pixel, stride, config.patchmatch)]
@@ -234,23 +223,23 @@ def _match(work: ViewCache, scene: _Scene, i: int, neighbours: list[int], config
     if not scene.masked:
         # No hull: the whole ball is searched, and lying deep in it says nothing.
         settings, thickness = replace(settings, sink=0.0), 2 * scene.region.radius
-    head = head_distance(reference.camera, rays, scene.mesh)
+    head = head_distance(reference.camera, rays, scene.head)
     bounds = ray_bounds(reference.camera, rays, head, scene.hull, scene.region, thickness)
     bounds, pixel = bounds.select(bounds.near > 0), pixel[bounds.near > 0]
-    others = [work.features(j) for j in neighbours]
+    others = [cache.features(j) for j in neighbours]
     return match_lines(reference, others, pixel, bounds, thickness, settings, seed)
 
 
 def _fuse(
-    work: ViewCache, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
+    cache: ViewCache, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
 ) -> tuple[OrientedPoints, OrientedPoints]:
     """Lines of a view that other views confirm, and guesses: lines that they do not, the best in each cell."""
-    lines = work.lines(i)
+    lines = cache.lines(i)
     points = line_points(cameras[i], lines)
-    kept = not_seen_empty(points, scene.sights)
+    kept = possible_points(points, scene.silhouettes)
     points, directions = points[kept], lines.direction[kept]
     near = _neighbours(cameras, good, i, scene.region, 0.0)
-    others = [(cameras[j], work.lines(j)) for j in near]
+    others = [(cameras[j], cache.lines(j)) for j in near]
     stride = min(level.stride for level in config.patchmatch.levels)
     distance, angle = config.distance * scene.footprint, math.radians(config.angle)
     votes = confirmations(points, directions, others, distance, angle, stride)

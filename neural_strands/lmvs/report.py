@@ -17,12 +17,12 @@ SHOWN = 4
 
 def write_report(views: Views, head: Mesh | None, segments: LineSegments, out: Path) -> None:
     """Write OUT/report from what OUT/work holds: orientation, depth, and segments over the photograph."""
-    work = ViewCache(out / "work", views, OrientationConfig())
-    solved = [i for i in range(len(views)) if work.has_lines(i)]
+    cache = ViewCache(out / "work", views, OrientationConfig())
+    solved = [i for i in range(len(views)) if cache.has_lines(i)]
     for i in solved[:: max(1, len(solved) // SHOWN)][:SHOWN]:
-        camera, lines = views.cameras[i], work.lines(i)
+        camera, lines = views.cameras[i], cache.lines(i)
         pictures = {
-            "orientation": orientation_picture(work.features(i).texture),
+            "orientation": orientation_picture(cache.features(i).texture),
             "depth": depth_picture(lines.pixel, lines.depth, (camera.height, camera.width)),
             "segments": segments_over_photograph(views.image(i), segments, camera, head),
         }

@@ -8,7 +8,7 @@ from torch import Tensor
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.lmvs.search_range import Region, seen_radii
+from neural_strands.lmvs.region import Region, seen_radii
 
 log = logging.getLogger(__name__)
 

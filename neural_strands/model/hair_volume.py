@@ -8,13 +8,11 @@ fibre and its angles alone. A coarse grid of density tells it: of all strands, h
 from dataclasses import dataclass
 
 import torch
-import warp as wp
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
-from neural_strands.foundation import kernels
-from neural_strands.model.kernels import volume as volume_kernels
+from neural_strands.geometry.voxel_grid import VoxelGrid
 
 CELL = 0.005
 """Edge of a grid cell, metres."""
@@ -40,32 +38,16 @@ class HairVolume:
     """Density of hair on a grid.
 
     Attributes:
-        low: lowest corner, metres.
-        cell: edge of a cell, metres.
+        grid: whose voxels density is counted in.
         values: how fast density falls along each axis, log densities (strands that cross a square millimetre).
     """
 
-    low: tuple[float, float, float]
-    cell: float
+    grid: VoxelGrid
     values: Float[Tensor, "x y z channel"]
 
     def at(self, world: Float[Tensor, "point 3"]) -> Float[Tensor, "point channel"]:
-        """Direction out of the hair and log densities at world positions; no gradient to the positions.
-
-        Blends the cells about a position; beyond the border, that of the border.
-        """
-        device = world.device
-        sampled = kernels.zeros((len(world), CHANNELS), torch.float32, device)
-        *shape, channels = self.values.shape
-        inputs = [
-            kernels.array(self.values.view(-1, channels)),
-            wp.vec3i(*shape),
-            wp.vec3(*self.low),
-            self.cell,
-            kernels.array(world.float(), wp.vec3),
-            kernels.array(sampled),
-        ]
-        kernels.launch_split(volume_kernels.sample_cells, len(world), inputs, device)
+        """Direction out of the hair and log densities at world positions; no gradient to the positions."""
+        sampled = self.grid.sample(self.values, world, outside="border")
         return torch.cat([F.normalize(sampled[:, :3], dim=1), sampled[:, 3:]], dim=1)
 
 
@@ -80,16 +62,17 @@ def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:
     kept = length.isfinite().nonzero().squeeze(1)
     middle, length = middle.index_select(1, kept), length.index_select(0, kept)
     if len(length) == 0:
-        return HairVolume((0.0, 0.0, 0.0), CELL, points.new_zeros(2, 2, 2, CHANNELS))
+        empty = VoxelGrid((0.0, 0.0, 0.0), CELL, (2, 2, 2))
+        return HairVolume(empty, points.new_zeros(*empty.shape, CHANNELS))
     margin = 3 * max(WIDTHS)
-    low = middle.amin(dim=1) - margin
-    extents = (middle.amax(dim=1) + margin - low).tolist()
-    cell = max(CELL, max(extents) / MOST_CELLS)
-    shape = [max(2, int(extent / cell) + 1) for extent in extents]
-    index = ((middle - low[:, None]) / cell).long().unbind(0)
+    low, high = (middle.amin(dim=1) - margin).tolist(), (middle.amax(dim=1) + margin).tolist()
+    cell = max(CELL, max(end - start for start, end in zip(low, high, strict=True)) / MOST_CELLS)
+    grid = VoxelGrid.filling(low, high, cell)
+    shape = grid.shape
+    index = ((middle - middle.new_tensor(low)[:, None]) / cell).long().unbind(0)
     flat = (index[0] * shape[1] + index[1]) * shape[2] + index[2]
     # Metres of hair in a cubic metre are strands across a square metre.
-    density = points.new_zeros(shape[0] * shape[1] * shape[2]).index_add_(0, flat, length).view(shape) / (1e6 * cell**3)
+    density = points.new_zeros(grid.count).index_add_(0, flat, length).view(shape) / (1e6 * cell**3)
     levels, before = [], 0.0
     for width in WIDTHS:
         density = _blurred(density, (width**2 - before**2) ** 0.5 / cell)
@@ -97,8 +80,7 @@ def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:
         before = width
     fall = [-slope for slope in torch.gradient(density)]
     logarithms = [torch.log(level + FAINT) for level in levels]
-    x, y, z = low.tolist()
-    return HairVolume((x, y, z), cell, torch.stack([*fall, *logarithms], dim=-1))
+    return HairVolume(grid, torch.stack([*fall, *logarithms], dim=-1))
 
 
 def _blurred(volume: Float[Tensor, "x y z"], sigma: float) -> Float[Tensor, "x y z"]:

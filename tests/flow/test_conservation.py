@@ -12,8 +12,8 @@ from neural_strands.flow.conservation import (
     without_divergence,
 )
 from neural_strands.flow.field import FlowField
-from neural_strands.flow.grid import VoxelGrid
 from neural_strands.flow.tracing import TraceConfig, trace_strands
+from neural_strands.geometry.voxel_grid import VoxelGrid
 
 UP = torch.tensor([0.0, 1.0, 0.0])
 
@@ -29,7 +29,7 @@ def ragged(generator: torch.Generator) -> tuple[FlowCells, torch.Tensor]:
 def over_flat_scalp(shape: tuple[int, int, int]) -> tuple[VoxelGrid, torch.Tensor, torch.Tensor]:
     """A full box of unit voxels over a layer that is scalp, and roots on the border between them."""
     width, height, depth = shape
-    grid = VoxelGrid(torch.tensor([0.0, -1.0, 0.0]), 1.0, (width, height + 1, depth))
+    grid = VoxelGrid((0.5, -0.5, 0.5), 1.0, (width, height + 1, depth))
     domain = torch.ones(grid.shape, dtype=torch.bool)
     domain[:, 0] = False
     x, z = torch.meshgrid(torch.arange(width) + 0.5, torch.arange(depth) + 0.5, indexing="ij")
@@ -86,7 +86,7 @@ def test_projection_is_the_nearest_flow_without_divergence(generator):
 
 def test_a_flow_that_conserves_hair_already_is_left_alone():
     grid, domain, roots = over_flat_scalp((4, 8, 4))
-    field = FlowField(grid, UP[:, None, None, None].expand(3, *grid.shape).contiguous(), domain)
+    field = FlowField(grid, UP.expand(*grid.shape, 3), domain)
     # Both ends are open: the way out is along the direction, and the way in is by the scalp.
     kept = conserve(field, roots, UP.expand(len(roots), 3), 0.0)
     torch.testing.assert_close(kept.directions, field.directions, atol=1e-5, rtol=0)
@@ -95,11 +95,11 @@ def test_a_flow_that_conserves_hair_already_is_left_alone():
 def test_strands_from_a_scalp_fill_the_room_above_it():
     # A slab of hair, 12 mm high, over a flat scalp; all of it points along the scalp, but for a little lift.
     spacing = 0.001
-    grid = VoxelGrid(torch.tensor([0.0, -0.002, 0.0]), spacing, (80, 16, 8))
-    centres = grid.centres()
+    grid = VoxelGrid((0.0005, -0.0015, 0.0005), spacing, (80, 16, 8))
+    centres = grid.nodes()
     domain = (centres[..., 1] > 0) & (centres[..., 1] < 0.012) & (centres[..., 0] > 0.002)
     along = torch.nn.functional.normalize(torch.tensor([1.0, 0.05, 0.0]), dim=0)
-    field = FlowField(grid, along[:, None, None, None].expand(3, *grid.shape).contiguous(), domain)
+    field = FlowField(grid, along.expand(*grid.shape, 3), domain)
     x, z = torch.meshgrid(torch.arange(0.003, 0.06, 0.001), torch.arange(0.0005, 0.008, 0.001), indexing="ij")
     roots = torch.stack([x, torch.full_like(x, 1e-4), z], dim=-1).reshape(-1, 3)
     normals = UP.expand(len(roots), 3)
@@ -122,21 +122,21 @@ def test_strands_from_a_scalp_fill_the_room_above_it():
 
 def test_directions_turn_less_when_speed_is_free(generator):
     grid, domain, roots = over_flat_scalp((12, 6, 12))
-    centres = grid.centres() - torch.tensor([6.0, -2.0, 6.0])
-    directions = torch.nn.functional.normalize(centres, dim=-1).permute(3, 0, 1, 2).contiguous()
+    centres = grid.nodes() - torch.tensor([6.0, -2.0, 6.0])
+    directions = torch.nn.functional.normalize(centres, dim=-1)
     field = FlowField(grid, directions, domain)
 
     def turned(rounds: int) -> float:
         config = ConservationConfig(rounds=rounds)
         kept = conserve(field, roots, UP.expand(len(roots), 3), 0.0, config).directions
-        return float((kept - directions).square().sum(dim=0).mean())
+        return float((kept - directions).square().sum(dim=-1).mean())
 
     assert turned(0) == 0.0
     assert turned(6) < 0.6 * turned(1)
 
 
 def test_voxels_under_the_scalp_reach_below_the_domain():
-    grid = VoxelGrid(torch.zeros(3), 1.0, (5, 8, 5))
+    grid = VoxelGrid((0.5, 0.5, 0.5), 1.0, (5, 8, 5))
     marked = under_scalp(grid, torch.tensor([[2.5, 6.5, 2.5]]), UP[None], 1.0)
     column = marked[2, :, 2]
     # From the root, in voxel 6, to 2.5 below it, and one voxel about that.
@@ -145,6 +145,6 @@ def test_voxels_under_the_scalp_reach_below_the_domain():
 
 
 def test_an_empty_domain_stays_as_it_is():
-    grid = VoxelGrid(torch.zeros(3), 1.0, (3, 3, 3))
+    grid = VoxelGrid((0.5, 0.5, 0.5), 1.0, (3, 3, 3))
     field = FlowField(grid, torch.ones(3, 3, 3, 3), torch.zeros(3, 3, 3) > 0)
     assert conserve(field, torch.zeros(1, 3), UP[None], 0.0) is field

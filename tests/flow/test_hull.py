@@ -2,10 +2,10 @@
 
 import torch
 
-from neural_strands.flow.grid import VoxelGrid
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull, widen
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.voxel_grid import VoxelGrid
 
 AWAY = Mesh(torch.tensor([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]]), torch.tensor([[0, 1, 2]]))
 """A head that is nowhere near."""
@@ -26,11 +26,11 @@ def views_of_ball(radius, count=12):
 
 
 def test_hull_holds_the_ball_and_little_else():
-    grid = VoxelGrid(torch.full((3,), -0.16), 0.01, (32, 32, 32))
+    grid = VoxelGrid((-0.155, -0.155, -0.155), 0.01, (32, 32, 32))
     hull = hair_hull(grid, views_of_ball(0.1), AWAY, HullConfig(mask_margin=0.0))
-    distance = grid.centres().norm(dim=-1)
+    distance = grid.nodes().norm(dim=-1)
     assert hull[distance < 0.095].all()
-    beside = (distance > 0.125) & (grid.centres()[..., 1].abs() < 0.05)
+    beside = (distance > 0.125) & (grid.nodes()[..., 1].abs() < 0.05)
     assert hull[beside].float().mean() < 0.05
 
 
@@ -41,9 +41,9 @@ def test_what_a_head_hides_is_not_proven_empty():
         torch.tensor([[-1.0, -1.0, 0.05], [1.0, -1.0, 0.05], [1.0, 1.0, 0.05], [-1.0, 1.0, 0.05]]),
         torch.tensor([[0, 1, 2], [0, 2, 3]]),
     )
-    grid = VoxelGrid(torch.full((3,), -0.1), 0.01, (20, 20, 20))
+    grid = VoxelGrid((-0.095, -0.095, -0.095), 0.01, (20, 20, 20))
     hull = hair_hull(grid, [(camera, empty)], wall, HullConfig(head_depth=1.0))
-    depth = grid.centres()[..., 2]
+    depth = grid.nodes()[..., 2]
     assert hull[depth < 0.04].all()
     assert not hull[depth > 0.06].any()
 
@@ -54,9 +54,9 @@ def test_volume_without_masks_lies_between_points_and_head():
         torch.tensor([[0, 1, 2], [0, 2, 3]]),
     )
     points = torch.tensor([[0.0, 0.05, 0.0]])
-    grid = VoxelGrid(torch.tensor([-0.05, -0.02, -0.05]), 0.01, (10, 10, 10))
+    grid = VoxelGrid((-0.045, -0.015, -0.045), 0.01, (10, 10, 10))
     volume = covered_volume(grid, points, floor)
-    centres = grid.centres()[volume]
+    centres = grid.nodes()[volume]
     assert volume.any()
     assert (centres[:, [0, 2]].abs() <= 0.021).all()
     assert (centres[:, 1] < 0.07).all()

@@ -5,14 +5,14 @@ import math
 import torch
 
 from neural_strands.flow.field import FlowField
-from neural_strands.flow.grid import VoxelGrid
 from neural_strands.flow.tracing import TraceConfig, trace_strands
 from neural_strands.geometry.strands import lengths
+from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
 def test_a_constant_field_gives_straight_strands_that_end_where_the_hair_ends():
-    grid = VoxelGrid(torch.zeros(3), 0.01, (10, 40, 10))
-    down = torch.tensor([0.0, -1.0, 0.0])[:, None, None, None].expand(3, *grid.shape).contiguous()
+    grid = VoxelGrid((0.005, 0.005, 0.005), 0.01, (10, 40, 10))
+    down = torch.tensor([0.0, -1.0, 0.0]).expand(*grid.shape, 3)
     domain = torch.zeros(grid.shape, dtype=torch.bool)
     domain[:, 10:] = True  # hair above y = 0.1
     roots = torch.tensor([[0.05, 0.35, 0.05], [0.03, 0.2, 0.07]])
@@ -26,10 +26,10 @@ def test_a_constant_field_gives_straight_strands_that_end_where_the_hair_ends():
 
 def test_a_rotating_field_keeps_its_circles():
     # The tangent field of circles about the y axis: second order integration drifts by far less than a step.
-    grid = VoxelGrid(torch.tensor([-0.1, 0.0, -0.1]), 0.002, (100, 4, 100))
-    centres = grid.centres()
+    grid = VoxelGrid((-0.099, 0.001, -0.099), 0.002, (100, 4, 100))
+    centres = grid.nodes()
     x, z = centres[..., 0], centres[..., 2]
-    tangent = torch.stack([-z, torch.zeros_like(x), x]) / (x.square() + z.square()).sqrt()
+    tangent = torch.stack([-z, torch.zeros_like(x), x], dim=-1) / (x.square() + z.square()).sqrt()[..., None]
     domain = torch.ones(grid.shape, dtype=torch.bool)
     root = torch.tensor([[0.06, 0.004, 0.0]])
     config = TraceConfig(step=0.0015, longest=0.06 * math.pi, points=50)
@@ -40,8 +40,8 @@ def test_a_rotating_field_keeps_its_circles():
 
 
 def test_outside_the_hair_a_strand_still_has_its_shortest_length():
-    grid = VoxelGrid(torch.zeros(3), 0.01, (8, 8, 8))
-    up = torch.tensor([0.0, 1.0, 0.0])[:, None, None, None].expand(3, *grid.shape).contiguous()
+    grid = VoxelGrid((0.005, 0.005, 0.005), 0.01, (8, 8, 8))
+    up = torch.tensor([0.0, 1.0, 0.0]).expand(*grid.shape, 3)
     domain = torch.zeros(grid.shape, dtype=torch.bool)
     config = TraceConfig(grace=0.0, shortest=0.012)
     strand = trace_strands(FlowField(grid, up, domain), torch.full((1, 3), 0.04), torch.eye(3)[:1], config)

@@ -9,8 +9,8 @@ import torch
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.lmvs.region import Region, seen_radii
 from neural_strands.lmvs.scale import check_head_size, check_scene, of_one_scale
-from neural_strands.lmvs.search_range import Region, seen_radii
 
 
 def box_head(side: float, centre: float = 0.0) -> Mesh:

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from neural_strands.model.hair_volume import CHANNELS, FAINT, HairVolume, hair_volume
+from neural_strands.model.hair_volume import CHANNELS, FAINT, hair_volume
 
 
 def block(spacing: float = 0.002, side: float = 0.12) -> torch.Tensor:
@@ -81,17 +81,3 @@ def test_hair_of_any_size_fits_the_grid():
 def test_positions_get_no_gradient():
     world = torch.full((1, 3), 0.05, requires_grad=True)
     assert not hair_volume(block()).at(world).requires_grad
-
-
-def test_samples_against_torch_twin(device, generator):
-    values = torch.randn(4, 5, 6, CHANNELS, generator=generator)
-    volume = HairVolume((0.1, -0.2, 0.3), 0.01, values.to(device))
-    side = 0.01 * torch.tensor([4.0, 5.0, 6.0])
-    places = torch.tensor([0.1, -0.2, 0.3]) + side * (1.4 * torch.rand(3000, 3, generator=generator) - 0.2)
-    grid = (2 * (places - torch.tensor(volume.low)) / side - 1).flip(1)[None, :, None, None]
-    twin = torch.nn.functional.grid_sample(
-        values.permute(3, 0, 1, 2)[None], grid, padding_mode="border", align_corners=False
-    )[0, :, :, 0, 0].T
-    found = volume.at(places.to(device)).cpu()
-    torch.testing.assert_close(found[:, :3], torch.nn.functional.normalize(twin[:, :3], dim=1), atol=1e-4, rtol=0)
-    torch.testing.assert_close(found[:, 3:], twin[:, 3:], atol=1e-5, rtol=0)

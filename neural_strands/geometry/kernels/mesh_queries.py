@@ -1,4 +1,4 @@
-"""Warp kernels that ask a mesh's bounding volume hierarchy for closest points and signs.
+"""Warp kernels that ask a mesh's bounding volume hierarchy for closest points, signs and where rays meet it.
 
 A query's u and v are the weights of the first and the second corner of its face.
 """
@@ -69,40 +69,9 @@ def signed_kernel(
 
 @wp.kernel(enable_backward=False)
 @no_type_check
-def trilinear_kernel(
-    start: int,
-    values: wp.array3d[wp.float32],
-    lower: wp.vec3,
-    spacing: float,
-    points: wp.array[wp.vec3],
-    value: wp.array[wp.float32],
-    gradient: wp.array[wp.vec3],
-) -> None:
-    """Trilinear value and gradient of a grid (z, y, x) at each point; clamped to the border, where slopes vanish."""
+def ray_kernel(start: int, mesh: wp.uint64, origin: wp.vec3, ray: wp.array[wp.vec3], distance: wp.array[float]) -> None:
+    """Distance along each unit ray to the first face; left as it is where there is none."""
     i = start + wp.tid()
-    last = wp.vec3(float(values.shape[2] - 1), float(values.shape[1] - 1), float(values.shape[0] - 1))
-    raw = (points[i] - lower) / spacing
-    cell = wp.min(wp.max(raw, wp.vec3(0.0)), last)
-    x = wp.min(int(cell[0]), values.shape[2] - 2)
-    y = wp.min(int(cell[1]), values.shape[1] - 2)
-    z = wp.min(int(cell[2]), values.shape[0] - 2)
-    u = cell[0] - float(x)
-    v = cell[1] - float(y)
-    w = cell[2] - float(z)
-    # Along x on the four edges, then along y on the two faces, then along z.
-    a00 = wp.lerp(values[z, y, x], values[z, y, x + 1], u)
-    a10 = wp.lerp(values[z, y + 1, x], values[z, y + 1, x + 1], u)
-    a01 = wp.lerp(values[z + 1, y, x], values[z + 1, y, x + 1], u)
-    a11 = wp.lerp(values[z + 1, y + 1, x], values[z + 1, y + 1, x + 1], u)
-    d00 = values[z, y, x + 1] - values[z, y, x]
-    d10 = values[z, y + 1, x + 1] - values[z, y + 1, x]
-    d01 = values[z + 1, y, x + 1] - values[z + 1, y, x]
-    d11 = values[z + 1, y + 1, x + 1] - values[z + 1, y + 1, x]
-    b0 = wp.lerp(a00, a10, v)
-    b1 = wp.lerp(a01, a11, v)
-    slope = wp.vec3(wp.lerp(wp.lerp(d00, d10, v), wp.lerp(d01, d11, v), w), wp.lerp(a10 - a00, a11 - a01, w), b1 - b0)
-    for k in range(3):
-        if raw[k] != cell[k]:
-            slope[k] = 0.0
-    value[i] = wp.lerp(b0, b1, w)
-    gradient[i] = slope / spacing
+    hit = wp.mesh_query_ray(mesh, origin, ray[i], FARTHEST)
+    if hit.result:
+        distance[i] = hit.t

@@ -1,0 +1,23 @@
+"""What lies behind each face of the voxels of a domain."""
+
+import torch
+from jaxtyping import Bool, Int64, Shaped
+from torch import Tensor
+
+
+def face_neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
+    """The domain's voxel behind each face (see `behind_faces`) of its voxels, numbered; their count for none."""
+    count = int(domain.sum())
+    number = torch.full(domain.shape, count, device=domain.device)
+    number[domain] = torch.arange(count, device=domain.device)
+    return behind_faces(number, domain, count)
+
+
+def behind_faces(
+    values: Shaped[Tensor, "x y z"], domain: Bool[Tensor, "x y z"], beyond: int
+) -> Shaped[Tensor, "cell 6"]:
+    """What a volume holds behind each face (+x, +y, +z, -x, -y, -z) of the domain's voxels; `beyond` past the box."""
+    padded = torch.nn.functional.pad(values, (1, 1, 1, 1, 1, 1), value=beyond)
+    offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
+    behind = torch.nonzero(domain)[:, None] + 1 + offsets
+    return padded[behind[..., 0], behind[..., 1], behind[..., 2]]

@@ -1,0 +1,123 @@
+"""A regular grid of nodes in a box of the world: where they lie, and what is read between them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+import warp as wp
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from neural_strands.foundation import kernels
+from neural_strands.geometry.kernels.voxel_grid import sample_kernel, slope_kernel
+
+Outside = Literal["border", "zero"]
+"""What sampling finds beyond the outermost nodes: the value of the nearest place on the border, or zero."""
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """Nodes at equal distances along x, y and z; each is the centre of a cubic voxel.
+
+    Volumes over a grid are indexed by x, y, z, and hold a node's value; channels come last.
+
+    Attributes:
+        origin: position of node (0, 0, 0), metres.
+        spacing: distance of neighbouring nodes, metres.
+        shape: nodes along x, y, z, at least two each.
+    """
+
+    origin: tuple[float, float, float]
+    spacing: float
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def filling(cls, low: Sequence[float], high: Sequence[float], spacing: float) -> "VoxelGrid":
+        """The grid whose voxels fill the box from `low` to `high` (metres), the last ones beyond `high` if need be."""
+        x, y, z = (max(math.ceil((end - start) / spacing), 2) for start, end in zip(low, high, strict=True))
+        first = [start + 0.5 * spacing for start in low]
+        return cls((first[0], first[1], first[2]), spacing, (x, y, z))
+
+    @property
+    def count(self) -> int:
+        """Number of nodes."""
+        return math.prod(self.shape)
+
+    def nodes(self, device: torch.device | str = "cpu") -> Float[Tensor, "x y z 3"]:
+        """World positions of the nodes."""
+        axes = [
+            torch.arange(size, device=device) * self.spacing + start
+            for start, size in zip(self.origin, self.shape, strict=True)
+        ]
+        return torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1)
+
+    def index(self, points: Float[Tensor, "point 3"]) -> tuple[Int64[Tensor, " point"], Bool[Tensor, " point"]]:
+        """Flat index of the voxel that holds each point (clamped to the box), and whether the point lies in the box."""
+        low = points.new_tensor([first - 0.5 * self.spacing for first in self.origin])
+        voxel = ((points - low) / self.spacing).floor().long()
+        size = torch.tensor(self.shape, device=points.device)
+        inside = ((voxel >= 0) & (voxel < size)).all(dim=-1)
+        voxel = torch.minimum(voxel.clamp(min=0), size - 1)
+        return (voxel[:, 0] * self.shape[1] + voxel[:, 1]) * self.shape[2] + voxel[:, 2], inside
+
+    def sample(
+        self, values: Float[Tensor, "x y z channel"], points: Float[Tensor, "point 3"], outside: Outside
+    ) -> Float[Tensor, "point channel"]:
+        """Trilinear interpolation between the nodes; no gradient passes.
+
+        Args:
+            values: of the nodes.
+            points: world metres.
+            outside: what holds beyond the outermost nodes.
+        """
+        channels, device = values.shape[-1], points.device
+        sampled = kernels.zeros((len(points), channels), torch.float32, device)
+        inputs = [
+            *self.kernel_inputs(),
+            kernels.array(values.float().reshape(-1, channels)),
+            kernels.array(points.float(), wp.vec3),
+            int(outside == "zero"),
+            kernels.array(sampled),
+        ]
+        kernels.launch_split(sample_kernel, len(points), inputs, device)
+        return sampled
+
+    def sample_with_slope(
+        self, values: Float[Tensor, "x y z"], points: Float[Tensor, "point 3"]
+    ) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"]]:
+        """Trilinear value at each point and its gradient per metre; no gradient passes.
+
+        Beyond the outermost nodes the border's value holds, and does not change along the axes that leave the box.
+        """
+        flat = points.detach().float()
+        value, gradient = torch.zeros_like(flat[:, 0]), torch.zeros_like(flat)
+        inputs = [
+            *self.kernel_inputs(),
+            kernels.array(values.float()),
+            kernels.array(flat, wp.vec3),
+            kernels.array(value),
+            kernels.array(gradient, wp.vec3),
+        ]
+        kernels.launch_split(slope_kernel, len(flat), inputs, points.device)
+        return value, gradient
+
+    def kernel_inputs(self) -> list[Any]:
+        """What kernels take of a grid, in this order: origin, spacing, shape."""
+        return [wp.vec3(*self.origin), self.spacing, wp.vec3i(*self.shape)]
+
+
+def sample_reference(
+    grid: VoxelGrid, values: Float[Tensor, "x y z channel"], points: Float[Tensor, "point 3"], outside: Outside
+) -> Float[Tensor, "point channel"]:
+    """The twin of `VoxelGrid.sample` in plain torch, differentiable in `points`."""
+    place = (points - points.new_tensor(grid.origin)) / grid.spacing
+    last = place.new_tensor(grid.shape) - 1
+    volume = values.to(points).permute(3, 2, 1, 0)[None]
+    read = torch.nn.functional.grid_sample(
+        volume, (2 * place / last - 1)[None, None, None], padding_mode="border", align_corners=True
+    )[0, :, 0, 0].T
+    if outside == "border":
+        return read
+    return torch.where(((place >= 0) & (place <= last)).all(dim=-1, keepdim=True), read, 0.0)

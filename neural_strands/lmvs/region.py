@@ -1,0 +1,72 @@
+"""The ball of the world that the cameras look for hair in."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.voxel_grid import VoxelGrid
+
+MOST_NODES = 12_000_000
+"""Of the grid over the region, whatever its spacing is asked to be."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """The part of the world where hair is looked for.
+
+    Attributes:
+        centre: of a sphere, metres.
+        radius: of the sphere, metres.
+    """
+
+    centre: Float[Tensor, "3"]
+    radius: float
+
+    def grid(self, spacing: float, most: int = MOST_NODES) -> VoxelGrid:
+        """A grid over the cube about the ball; `spacing` (metres) grows until there are at most `most` nodes."""
+        spacing = max(min(spacing, self.radius / 64), 2 * self.radius / most ** (1 / 3))
+        nodes = math.ceil(2 * self.radius / spacing) + 1
+        x, y, z = (self.centre - self.radius).tolist()
+        return VoxelGrid((x, y, z), spacing, (nodes, nodes, nodes))
+
+    def holds(self, grid: VoxelGrid) -> Bool[Tensor, "x y z"]:
+        """Which nodes of its grid lie in the ball."""
+        square = (torch.arange(grid.shape[0], device=self.centre.device) * grid.spacing - self.radius) ** 2
+        return square[:, None, None] + square[:, None] + square < self.radius**2
+
+
+def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool = True) -> Region:
+    """Sphere about the point that the optical axes through the hair come closest to, as large as the hair is seen.
+
+    Args:
+        cameras: at least two.
+        hairs: per camera, the pixels (x, y) between which hair is seen: left, top, right, bottom.
+        masked: whether these come from masks; if not, some may be far too large, and the median counts.
+    """
+    centre, radius = seen_radii(cameras, hairs)
+    return Region(centre, 1.05 * (max(radius) if masked else sorted(radius)[len(radius) // 2]))
+
+
+def seen_radii(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> tuple[Float[Tensor, "3"], list[float]]:
+    """Point that the optical axes through the hair come closest to, and how large each camera sees hair there, metres.
+
+    Args: as those of `find_region`.
+    """
+    device = cameras[0].intrinsics.device
+    system, right = torch.zeros(3, 3, device=device), torch.zeros(3, device=device)
+    for camera, box in zip(cameras, hairs, strict=True):
+        axis = camera.rays(0.5 * (box[:2] + box[2:]))
+        project = torch.eye(3, device=device) - axis[:, None] * axis
+        system += project
+        right += project @ camera.position
+    centre = torch.linalg.solve(system, right)
+    radius = []
+    for camera, box in zip(cameras, hairs, strict=True):
+        distance = float((camera.position - centre).norm())
+        radius.append(camera.footprint(distance) * 0.5 * float((box[2:] - box[:2]).norm()))
+    return centre, radius

@@ -1,0 +1,59 @@
+"""Carving against plain numpy."""
+
+import numpy as np
+import torch
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
+from neural_strands.geometry.visual_hull import Silhouette, possible_points, visual_hull
+from neural_strands.geometry.voxel_grid import VoxelGrid
+
+
+def camera(x: float) -> Camera:
+    return Camera.look_at(torch.tensor([x, 0.1, 1.0]), torch.zeros(3), 90.0, (60, 48))
+
+
+def wall(z: float) -> Mesh:
+    """A square of 0.2 m at this z."""
+    corners = torch.tensor([[-0.1, -0.1, z], [0.1, -0.1, z], [0.1, 0.1, z], [-0.1, 0.1, z]])
+    return Mesh(corners, torch.tensor([[0, 1, 2], [0, 2, 3]]))
+
+
+def test_points_seen_beside_the_mask_are_dropped_unless_the_head_hides_them(generator: torch.Generator):
+    points = (torch.rand(400, 3, generator=generator) - 0.5) * 0.6
+    views = [camera(x) for x in (-0.5, 0.0, 0.5)]
+    masks = [torch.rand(48, 60, generator=generator) < 0.8 for _ in views]
+    index = MeshIndex(wall(0.0))
+    kept = possible_points(points, [Silhouette.of(v, m, index) for v, m in zip(views, masks, strict=True)])
+    expected, sure = np.ones(len(points), bool), np.ones(len(points), bool)
+    for view, mask in zip(views, masks, strict=True):
+        centre = view.position.numpy()
+        for i, point in enumerate(points.numpy()):
+            seen = view.intrinsics.numpy() @ (view.world_to_camera.numpy()[:3] @ np.append(point, 1.0))
+            u, v = seen[:2] / seen[2]
+            if not (0 <= u < 60 and 0 <= v < 48) or mask[int(v), int(u)]:
+                continue
+            # Where the ray to the point meets z = 0: the wall hides what lies behind.
+            share = centre[2] / (centre[2] - point[2])
+            cross = centre + share * (point - centre)
+            near_edge = abs(max(abs(cross[0]), abs(cross[1])) - 0.1) < 0.03
+            hidden = point[2] < 0 and max(abs(cross[0]), abs(cross[1])) < 0.1
+            sure[i] &= not (near_edge or abs(point[2]) < 0.01)
+            expected[i] &= hidden
+    assert sure.sum() > 50
+    assert (kept.numpy() == expected)[sure].all()
+    assert 0.1 < expected[sure].mean() < 0.9
+
+
+def test_nodes_and_points_are_carved_alike(device, generator: torch.Generator):
+    grid = VoxelGrid((-0.3, -0.25, -0.2), 0.04, (15, 13, 11))
+    masks = [torch.rand(48, 60, generator=generator) < 0.9 for _ in range(3)]
+    index = MeshIndex(wall(0.05).to(device))
+    views = [camera(x).to(device) for x in (-0.5, 0.0, 0.5)]
+    silhouettes = [Silhouette.of(view, mask.to(device), index) for view, mask in zip(views, masks, strict=True)]
+    within = torch.rand(grid.shape, generator=generator) < 0.7
+    hull = visual_hull(grid, iter(silhouettes), within.to(device)).cpu()
+    possible = possible_points(grid.nodes(device).reshape(-1, 3), silhouettes).cpu().reshape(grid.shape)
+    assert torch.equal(hull, possible & within)
+    assert 0.1 < hull.float().mean() < 0.6
