@@ -13,8 +13,10 @@ from neural_strands.flow.tracing import TraceConfig, trace_strands
 from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.views import Views
+from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
@@ -39,7 +41,9 @@ def hair_flow(segments: LineSegments, views: Views, head: Mesh, roots: Roots, co
     known = torch.cat([segments.points, roots.position])
     grid = grid_around(known, config.flow.spacing, config.flow.margin)
     if any(views.has_hair_mask):
-        domain = hair_hull(grid, views.hair_masks(), head, config.hull)
+        index = MeshIndex(head)
+        before = ((HeadView.of(camera, index), mask) for camera, mask in views.hair_masks())
+        domain = hair_hull(grid, before, head, config.hull)
     else:
         domain = covered_volume(grid, segments.points, head, config.hull)
     smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow)

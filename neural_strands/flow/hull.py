@@ -7,11 +7,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.signed_distance import signed_distance
-from neural_strands.geometry.visual_hull import Silhouette, visual_hull
+from neural_strands.geometry.visual_hull import HeadView, Silhouette, visual_hull
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
@@ -29,7 +27,7 @@ class HullConfig:
 
 def hair_hull(
     grid: VoxelGrid,
-    views: Iterable[tuple[Camera, Float[Tensor, "height width"]]],
+    views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]],
     head: Mesh,
     config: HullConfig | None = None,
 ) -> Bool[Tensor, "x y z"]:
@@ -37,19 +35,19 @@ def hair_hull(
 
     Args:
         grid: the voxels to judge.
-        views: camera and hair coverage in [0, 1] of each view, read one at a time.
+        views: each view with its hair coverage in [0, 1], read one at a time.
         head: the head mesh; voxels inside it are not hair.
         config: tolerances.
     """
     config = config or HullConfig()
-    index = MeshIndex(head)
     nodes = grid.nodes(head.vertices.device)
     middle = nodes.mean(dim=(0, 1, 2))
 
     def silhouettes() -> Iterator[Silhouette]:
-        for camera, mask in views:
-            radius = round(config.mask_margin / camera.footprint(float((camera.position - middle).norm())))
-            yield Silhouette.of(camera, widen(mask, radius) >= config.mask_threshold, index)
+        for view, mask in views:
+            footprint = view.camera.footprint(float((view.camera.position - middle).norm()))
+            covered = widen(mask, round(config.mask_margin / footprint)) >= config.mask_threshold
+            yield Silhouette(view, covered)
 
     possible = visual_hull(grid, silhouettes(), torch.ones(grid.shape, dtype=torch.bool, device=nodes.device))
     possible[possible.clone()] = signed_distance(nodes[possible], head).distance > -config.head_depth

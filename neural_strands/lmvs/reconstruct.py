@@ -19,7 +19,7 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.views import Views
-from neural_strands.geometry.visual_hull import Silhouette, head_distance, possible_points, visual_hull
+from neural_strands.geometry.visual_hull import HeadView, Silhouette, head_distance, possible_points, visual_hull
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.connected_hair import large_masses
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
@@ -196,7 +196,7 @@ def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig
     footprints = [camera.footprint(float((camera.position - region.centre).norm())) for camera in cameras]
     footprint = float(torch.tensor(footprints).median())
     index = None if head is None else MeshIndex(head)
-    silhouettes = [Silhouette.of(views.cameras[i], cache.features(i).silhouette, index) for i in good]
+    silhouettes = [Silhouette(HeadView.of(views.cameras[i], index), cache.features(i).silhouette) for i in good]
     grid = region.grid(config.voxel * footprint)
     hull = SmoothHull.of(grid, visual_hull(grid, silhouettes, region.holds(grid)))
     return _Scene(region, hull, index, silhouettes, footprint, masked)

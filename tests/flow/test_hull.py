@@ -5,6 +5,8 @@ import torch
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull, widen
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
+from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 AWAY = Mesh(torch.tensor([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]]), torch.tensor([[0, 1, 2]]))
@@ -25,9 +27,14 @@ def views_of_ball(radius, count=12):
     return views
 
 
+def before(head, views):
+    index = MeshIndex(head)
+    return [(HeadView.of(camera, index), mask) for camera, mask in views]
+
+
 def test_hull_holds_the_ball_and_little_else():
     grid = VoxelGrid((-0.155, -0.155, -0.155), 0.01, (32, 32, 32))
-    hull = hair_hull(grid, views_of_ball(0.1), AWAY, HullConfig(mask_margin=0.0))
+    hull = hair_hull(grid, before(AWAY, views_of_ball(0.1)), AWAY, HullConfig(mask_margin=0.0))
     distance = grid.nodes().norm(dim=-1)
     assert hull[distance < 0.095].all()
     beside = (distance > 0.125) & (grid.nodes()[..., 1].abs() < 0.05)
@@ -42,7 +49,7 @@ def test_what_a_head_hides_is_not_proven_empty():
         torch.tensor([[0, 1, 2], [0, 2, 3]]),
     )
     grid = VoxelGrid((-0.095, -0.095, -0.095), 0.01, (20, 20, 20))
-    hull = hair_hull(grid, [(camera, empty)], wall, HullConfig(head_depth=1.0))
+    hull = hair_hull(grid, before(wall, [(camera, empty)]), wall, HullConfig(head_depth=1.0))
     depth = grid.nodes()[..., 2]
     assert hull[depth < 0.04].all()
     assert not hull[depth > 0.06].any()

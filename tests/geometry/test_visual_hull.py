@@ -6,7 +6,7 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
-from neural_strands.geometry.visual_hull import Silhouette, possible_points, visual_hull
+from neural_strands.geometry.visual_hull import HeadView, Silhouette, possible_points, views_that_see, visual_hull
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
@@ -25,7 +25,7 @@ def test_points_seen_beside_the_mask_are_dropped_unless_the_head_hides_them(gene
     views = [camera(x) for x in (-0.5, 0.0, 0.5)]
     masks = [torch.rand(48, 60, generator=generator) < 0.8 for _ in views]
     index = MeshIndex(wall(0.0))
-    kept = possible_points(points, [Silhouette.of(v, m, index) for v, m in zip(views, masks, strict=True)])
+    kept = possible_points(points, [Silhouette(HeadView.of(v, index), m) for v, m in zip(views, masks, strict=True)])
     expected, sure = np.ones(len(points), bool), np.ones(len(points), bool)
     for view, mask in zip(views, masks, strict=True):
         centre = view.position.numpy()
@@ -51,9 +51,25 @@ def test_nodes_and_points_are_carved_alike(device, generator: torch.Generator):
     masks = [torch.rand(48, 60, generator=generator) < 0.9 for _ in range(3)]
     index = MeshIndex(wall(0.05).to(device))
     views = [camera(x).to(device) for x in (-0.5, 0.0, 0.5)]
-    silhouettes = [Silhouette.of(view, mask.to(device), index) for view, mask in zip(views, masks, strict=True)]
+    silhouettes = [
+        Silhouette(HeadView.of(view, index), mask.to(device)) for view, mask in zip(views, masks, strict=True)
+    ]
     within = torch.rand(grid.shape, generator=generator) < 0.7
     hull = visual_hull(grid, iter(silhouettes), within.to(device)).cpu()
     possible = possible_points(grid.nodes(device).reshape(-1, 3), silhouettes).cpu().reshape(grid.shape)
     assert torch.equal(hull, possible & within)
     assert 0.1 < hull.float().mean() < 0.6
+
+
+def test_views_see_what_faces_them_before_the_head(device):
+    index = MeshIndex(wall(0.0).to(device))
+    views = [HeadView.of(camera(x).to(device), index) for x in (-0.5, 0.0, 0.5)]
+    towards, away, up = torch.eye(3)[2], -torch.eye(3)[2], torch.eye(3)[1]
+    points = torch.tensor([[0.0, 0.0, 0.05], [0.0, 0.0, 0.05], [0.0, 0.0, 0.05], [0.0, 0.0, -0.05], [0.0, 5.0, 0.0]])
+    outward = torch.stack([towards, away, up, towards, towards])
+    found = views_that_see(points.to(device), outward.to(device), views, 0.2)
+    # Before the wall, facing; facing away; seen too much from the side; behind the wall; beyond the pictures.
+    assert found.tolist() == [3, 0, 0, 0, 0]
+    # The middle camera, 10 cm higher and 95 cm away, sees what points up under a cosine of 0.105.
+    assert views_that_see(points[2:3].to(device), outward[2:3].to(device), views[1:2], 0.1).tolist() == [1]
+    assert views_that_see(points[2:3].to(device), outward[2:3].to(device), views[1:2], 0.11).tolist() == [0]
