@@ -93,7 +93,7 @@ def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
     path = out / "segments.npz"
     if not path.is_file():
         seen = capture.subset(training_views(len(capture), config.hold_out_every))
-        save_segments(path, find_segments(seen, find_head(capture, None), config.seed, out / "lmvs", track))
+        save_segments(path, find_segments(seen, find_head(capture, None), config, out / "lmvs", track))
     return path
 
 

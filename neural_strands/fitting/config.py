@@ -8,6 +8,8 @@ from neural_strands.fitting.first_strands import InitialConfig
 from neural_strands.fitting.losses import ChamferConfig
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.trimap import TrimapConfig
+from neural_strands.lmvs.growth import GrowthConfig
+from neural_strands.lmvs.reconstruct import LmvsConfig
 from neural_strands.model.hair_model import HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
@@ -103,6 +105,11 @@ class FitConfig:
     """The geometric loss."""
     trimap: TrimapConfig = field(default_factory=TrimapConfig)
     """The alpha loss."""
+    stereo: LmvsConfig = field(default_factory=lambda: LmvsConfig(confirming=1.4, complete="never"))
+    """Line segments, where none are given. Guesses would mislead the flow that first strands are traced through; lines
+    that little more than one other view confirms are rarely wrong, and the flow needs them."""
+    growth: GrowthConfig = field(default_factory=GrowthConfig)
+    """Which way those segments run, from root to tip."""
     initial: InitialConfig = field(default_factory=InitialConfig)
     """First strands."""
     model: HairModelConfig = field(default_factory=lambda: HairModelConfig(textures=KNOTTED))

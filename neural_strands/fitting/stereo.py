@@ -6,16 +6,17 @@ from pathlib import Path
 import torch
 
 from neural_strands.capture.capture import Capture
+from neural_strands.fitting.config import FitConfig
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.lmvs.growth import GrowthConfig, orient_segments
-from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+from neural_strands.lmvs.growth import orient_segments
+from neural_strands.lmvs.reconstruct import reconstruct
 from neural_strands.scalp.head import Head
 
 
 def find_segments(
     capture: Capture,
     head: Head,
-    seed: int,
+    config: FitConfig,
     work: Path,
     track: Callable[[Iterable, str, int], Iterable],
     device: torch.device | str = "cpu",
@@ -25,15 +26,12 @@ def find_segments(
     Args:
         capture: the views that may be seen.
         head: the head in the cameras' frame; hair grows away from its scalp, not from its shoulders.
-        seed: of every random choice.
+        config: the settings of stereo and growth directions, and the seed.
         work: folder where finished views are kept, so that a stopped run goes on.
         track: shows progress of a loop.
         device: where the stereo is computed; growth directions are the CPU's.
     """
-    random = torch.Generator().manual_seed(seed)
+    random = torch.Generator().manual_seed(config.seed)
     views = capture.views_on(device)
-    # Guesses mislead the flow that first strands are traced through; lines that little more than one other view
-    # confirms are rarely wrong, and the flow needs them.
-    config = LmvsConfig(confirming=1.4, complete="never")
-    found = reconstruct(views, head.mesh.to(device), config, random, work, track).to("cpu")
-    return orient_segments(found, head.mesh, head.scalp_faces, [], GrowthConfig())
+    found = reconstruct(views, head.mesh.to(device), config.stereo, random, work, track).to("cpu")
+    return orient_segments(found, head.mesh, head.scalp_faces, [], config.growth)

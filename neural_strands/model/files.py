@@ -92,9 +92,12 @@ def from_plain(kind: type[C], values: dict[str, Any]) -> C:
 
 
 def _value(hint: Any, value: Any) -> Any:
+    if isinstance(value, list):
+        inner = typing.get_args(hint)[:1] or (None,)
+        return tuple(_value(inner[0], each) for each in value)
     if dataclasses.is_dataclass(hint) and isinstance(hint, type) and isinstance(value, dict):
         return from_plain(hint, value)
-    return tuple(value) if isinstance(value, list) else value
+    return value
 
 
 def _roots(tensors: dict[str, Tensor]) -> Roots:

@@ -179,7 +179,7 @@ def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> F
         else:
             feedback.say("line-based multi-view stereo over the training views")
             work = run.folder.path / "lmvs"
-            segments = find_segments(run.training_capture, run.head, run.config.seed, work, feedback.track, run.device)
+            segments = find_segments(run.training_capture, run.head, run.config, work, feedback.track, run.device)
             check_inputs(run.training_capture, segments, run.head)
         save_segments(kept, segments)
     run.workers.wait()

@@ -15,7 +15,8 @@ from neural_strands.model.files import from_plain
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 
-FORMAT = 1
+FORMAT = 2
+"""Version of `run.json`; 2: the settings of stereo and growth directions are part of it."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,11 @@ def read_description(folder: RunFolder) -> RunDescription:
         raise InputError(f"{folder.path}: expected the folder of a fit, found no {path.name}; run `fit` first.")
     try:
         plain = json.loads(path.read_text(encoding="utf-8"))
+        if plain["format"] != FORMAT:
+            raise InputError(
+                f"{path}: expected a run of format {FORMAT}, found {plain['format']}; "
+                "use the version of neural-strands that wrote it, or fit into a new folder."
+            )
         config = from_plain(FitConfig, plain["config"])
         return RunDescription(plain["capture"], plain["head"], plain["fingerprint"], config, plain.get("prior", ""))
     except (ValueError, KeyError, TypeError) as error:
