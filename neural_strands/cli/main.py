@@ -1,36 +1,58 @@
-"""Entry point: picks the verb, runs it, and turns bad input into one sentence."""
+"""Entry point: picks the verb, runs it, and turns bad input into one sentence.
+
+Little is imported here, and nothing slow: whatever a verb needs is loaded once an interruption is one sentence too.
+"""
 
 import importlib
 import sys
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
-import tyro
-
+from neural_strands import __version__
+from neural_strands.cli.interrupts import INTERRUPTED, interruptible_loading
+from neural_strands.cli.streams import ReaderGoneError, guarded_output
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.memory import keep_freed_memory
+
+PROGRAM = "neural-strands"
+READER_GONE = 141
+"""Exit status where nobody reads the output any more: 128 and the number of SIGPIPE."""
+STOPPED = f"{PROGRAM}: stopped; finished parts are kept."
+
+
+class Verb(NamedTuple):
+    """One command.
+
+    Attributes:
+        location: module and dataclass of its arguments.
+        summary: what it does, for the list of commands.
+    """
+
+    location: str
+    summary: str
+
 
 COMMANDS = {
-    "info": "neural_strands.cli.info:Info",
-    "synthesize": "neural_strands.cli.synthesize:Synthesize",
-    "convert": "neural_strands.cli.convert:Convert",
-    "prepare": "neural_strands.cli.prepare:Prepare",
-    "check": "neural_strands.cli.check:Check",
-    "head": "neural_strands.cli.head:HeadCheck",
-    "score": "neural_strands.cli.score:Score",
-    "score-views": "neural_strands.cli.score_views:ScoreViews",
-    "lmvs": "neural_strands.cli.lmvs:Lmvs",
-    "train-prior": "neural_strands.cli.train_prior:TrainPrior",
-    "prior-report": "neural_strands.cli.prior_report:PriorReport",
-    "prior-traverse": "neural_strands.cli.prior_traverse:PriorTraverse",
-    "render": "neural_strands.cli.render:Render",
-    "fit": "neural_strands.cli.fit:Fit",
-    "evaluate": "neural_strands.cli.evaluate:Evaluate",
-    "demo": "neural_strands.cli.demo:Demo",
+    "prepare": Verb("neural_strands.cli.prepare:Prepare", "turn photographs into a capture"),
+    "check": Verb("neural_strands.cli.check:Check", "say what is in a capture and what is wrong with it"),
+    "fit": Verb("neural_strands.cli.fit:Fit", "reconstruct the hair of a capture"),
+    "evaluate": Verb("neural_strands.cli.evaluate:Evaluate", "score a fit and write its report"),
+    "render": Verb("neural_strands.cli.render:Render", "render a fitted model from any camera"),
+    "demo": Verb("neural_strands.cli.demo:Demo", "make a small capture, reconstruct it and score it"),
+    "info": Verb("neural_strands.cli.info:Info", "say what a groom holds"),
+    "convert": Verb("neural_strands.cli.convert:Convert", "convert a groom into another format"),
+    "score": Verb("neural_strands.cli.score:Score", "compare strands with true strands"),
+    "score-views": Verb("neural_strands.cli.score_views:ScoreViews", "compare pictures with photographs"),
+    "head": Verb("neural_strands.cli.head:HeadCheck", "find or check the scalp of a head"),
+    "lmvs": Verb("neural_strands.cli.lmvs:Lmvs", "line-based multi-view stereo alone"),
+    "synthesize": Verb("neural_strands.cli.synthesize:Synthesize", "render a capture with true strands"),
+    "train-prior": Verb("neural_strands.cli.train_prior:TrainPrior", "train the strand prior"),
+    "prior-report": Verb("neural_strands.cli.prior_report:PriorReport", "say how well the prior keeps a groom"),
+    "prior-traverse": Verb("neural_strands.cli.prior_traverse:PriorTraverse", "draw the prior's latent space"),
 }
-"""Each verb and the dataclass that holds its arguments."""
+"""Each verb, in the order that help lists them."""
 
 
+@runtime_checkable
 class Command(Protocol):
     """A parsed verb."""
 
@@ -39,27 +61,49 @@ class Command(Protocol):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status: 0 done, 2 bad input."""
-    keep_freed_memory()
+    """Run one command and return its exit status: 0 done, 2 bad input, 130 interrupted, 141 output not read."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    named = words[0] if words and words[0] in COMMANDS else None
-    commands = {name: _load(COMMANDS[name]) for name in COMMANDS if named in (None, name)}
     try:
-        command: Command = (
-            tyro.cli(commands[named], prog=f"neural-strands {named}", args=words[1:])
-            if named
-            else tyro.extras.subcommand_cli_from_dict(commands, prog="neural-strands", args=words)
-        )
-        command.run()
+        with guarded_output(), interruptible_loading(STOPPED) as loaded:
+            if not words or words[0] in ("-h", "--help"):
+                sys.stdout.write(_help())
+            elif words[0] == "--version":
+                sys.stdout.write(f"{PROGRAM} {__version__}\n")
+            elif (command := _parse(words[0], words[1:])) is not None:
+                loaded()
+                command.run()
     except InputError as error:
-        sys.stderr.write(f"neural-strands: {error}\n")
+        sys.stderr.write(f"{PROGRAM}: {error}\n")
         return 2
     except KeyboardInterrupt:
-        sys.stderr.write("neural-strands: stopped; finished parts are kept.\n")
-        return 130
+        sys.stderr.write(f"{STOPPED}\n")
+        return INTERRUPTED
+    except ReaderGoneError:
+        return READER_GONE
     return 0
 
 
-def _load(location: str) -> type:
-    module, _, name = location.partition(":")
-    return getattr(importlib.import_module(module), name)
+def _parse(verb: str, words: list[str]) -> Command | None:
+    """The command that the words spell; None where they asked for help, which is printed then."""
+    if verb not in COMMANDS:
+        import difflib
+
+        near = difflib.get_close_matches(verb, COMMANDS, 1, 0)[0]
+        raise InputError(f"{verb!r}: expected a command, such as {near}; `{PROGRAM} --help` lists them.")
+    from neural_strands.cli.arguments import parse
+    from neural_strands.foundation.memory import keep_freed_memory
+
+    keep_freed_memory()
+    module, _, name = COMMANDS[verb].location.partition(":")
+    return parse(getattr(importlib.import_module(module), name), f"{PROGRAM} {verb}", words)
+
+
+def _help() -> str:
+    width = max(map(len, COMMANDS)) + 2
+    verbs = "".join(f"  {name:<{width}}{verb.summary}\n" for name, verb in COMMANDS.items())
+    return (
+        f"usage: {PROGRAM} COMMAND ...\n\n"
+        "From photographs of a head to hair strands rooted on the scalp, and an appearance that renders them.\n\n"
+        f"commands:\n{verbs}\n"
+        f"`{PROGRAM} COMMAND --help` says what a command takes; `{PROGRAM} --version` which version this is.\n"
+    )

@@ -9,8 +9,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from neural_strands.foundation.errors import InputError
 
 
@@ -48,6 +46,8 @@ def write_json(path: Path, document: Any) -> None:
 
 def tensor_bytes(content: object) -> memoryview:
     """What `torch.save` writes, in memory: torch's own writer says RuntimeError, not OSError, when the disk is full."""
+    import torch
+
     buffer = io.BytesIO()
     torch.save(content, buffer)
     return buffer.getbuffer()

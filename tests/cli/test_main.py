@@ -1,21 +1,23 @@
 """The command line as a user meets it: exit statuses, sentences, help."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from neural_strands import __version__
 from neural_strands.cli import device as device_choice
 from neural_strands.cli.main import COMMANDS, main
 from neural_strands.foundation.errors import InputError
 
+LOCALES = (("C", "ascii"), ("C.UTF-8", "utf-8"))
+
 
 def run(arguments: list[str], capsys: pytest.CaptureFixture) -> tuple[int, str, str]:
     """Status, standard output and standard error of one command."""
-    try:
-        status = main(arguments)
-    except SystemExit as stop:
-        status = stop.code if isinstance(stop.code, int) else 1
+    status = main(arguments)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
@@ -29,17 +31,67 @@ def test_help_of_every_command(verb: str, capsys: pytest.CaptureFixture):
 
 
 def test_help_lists_every_command(capsys: pytest.CaptureFixture):
-    status, out, _ = run(["--help"], capsys)
-    assert status == 0
-    for verb in COMMANDS:
-        assert verb in out
+    for words in ([], ["-h"], ["--help"]):
+        status, out, _ = run(words, capsys)
+        assert status == 0
+        for name, verb in COMMANDS.items():
+            assert f"  {name} " in out
+            assert verb.summary in out
 
 
-@pytest.mark.parametrize("arguments", [["frobnicate"], ["info"], ["info", "a.hair", "--nonsense"]])
-def test_wrong_words_exit_with_2(arguments: list[str], capsys: pytest.CaptureFixture):
-    status, _, err = run(arguments, capsys)
+def test_help_loads_nothing_heavy():
+    script = (
+        "import sys\nfrom neural_strands.cli.main import COMMANDS, main\n"
+        "for verb in (None, *(verb for verb in COMMANDS if verb != 'train-prior')):\n"
+        "    assert main([verb, '--help'] if verb else ['--help']) == 0\n"
+        "    heavy = {'torch', 'numpy', 'warp', 'scipy', 'cv2'} & set(sys.modules)\n"
+        "    assert not heavy, (verb, heavy)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_version(capsys: pytest.CaptureFixture):
+    assert run(["--version"], capsys) == (0, f"neural-strands {__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("frobnicate", "'frobnicate': expected a command, such as fit"),
+        ("inof a.hair", "'inof': expected a command, such as info"),
+        ("info", "FILE: expected a value, found none"),
+        ("info a.hair --jsn", "--jsn: expected an option such as --json, found none of that name"),
+        ("info a.hair b.hair", "b.hair: expected no further words"),
+        ("fit a b --hold_out 3", "--hold-out: expected an option such as --"),
+        ("fit a b --steps", "--steps: expected a value, found none"),
+        ("fit a b --steps x", "--steps: expected a whole number, found 'x'"),
+        ("fit a b --minutes x", "--minutes: expected a number, found 'x'"),
+        ("fit a b --preset slow", "--preset: expected one of 'demo', 'fast', 'paper', found 'slow'"),
+        ("lmvs a b --up 1 2", "--up: expected 3 values, found fewer"),
+        ("render m --out x --size 3", "--size: expected INT INT, found '3'"),
+    ],
+)
+def test_wrong_words_are_one_sentence(words: str, sentence: str, capsys: pytest.CaptureFixture):
+    status, out, err = run(words.split(), capsys)
     assert status == 2
-    assert "Traceback" not in err
+    assert out == ""
+    assert err.startswith(f"neural-strands: {sentence}")
+    assert err.endswith(".\n")
+    assert err.count("\n") == 1
+
+
+def test_sentences_do_not_depend_on_the_locale():
+    told = {shell(f"LC_ALL={locale} PYTHONIOENCODING={codec} $N info") for locale, codec in LOCALES}
+    assert told == {
+        (2, "neural-strands: FILE: expected a value, found none; `neural-strands info --help` says what it takes.\n")
+    }
+
+
+def test_help_shows_no_none_among_the_values(capsys: pytest.CaptureFixture):
+    for verb in COMMANDS:
+        _, out, _ = run([verb, "--help"], capsys)
+        assert "{None}" not in out
 
 
 def test_bad_input_is_one_sentence(capsys: pytest.CaptureFixture):
@@ -90,3 +142,37 @@ def test_device_choice(monkeypatch: pytest.MonkeyPatch):
 def test_seeds_repeat():
     draws = [device_choice.seeded(3).initial_seed() for _ in range(2)]
     assert draws == [3, 3]
+
+
+def shell(line: str) -> tuple[int, str]:
+    """Status and standard error of a line of bash, in which $N is the program."""
+    environment = {**os.environ, "N": f"{sys.executable} -m neural_strands"}
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", line], capture_output=True, text=True, check=False, env=environment
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("words", ["--help", "info --help", "--version"])
+def test_output_that_nobody_takes_ends_without_a_traceback(words: str):
+    assert shell(f"$N {words} >&-") == (0, "")
+    assert shell(f"$N {words} | true") in ((141, ""), (0, ""))
+    if Path("/dev/full").exists():
+        status, told = shell(f"$N {words} > /dev/full")
+        assert status == 2
+        assert told.startswith("neural-strands: standard output: cannot be written (No space left on device)")
+        assert told.count("\n") == 1
+
+
+STOP_WHILE_LOADING = """
+import os, signal, sys, time
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("module", ["torch", "tyro"])
+def test_ctrl_c_while_modules_load_is_one_sentence(module: str, tmp_path: Path):
+    (tmp_path / f"{module}.py").write_text(STOP_WHILE_LOADING)
+    status, told = shell(f"PYTHONPATH={tmp_path}:$PYTHONPATH $N score a.hair b.hair")
+    assert (status, told) == (130, "neural-strands: stopped; finished parts are kept.\n")

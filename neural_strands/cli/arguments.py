@@ -1,0 +1,90 @@
+"""From words to a command: tyro parses them, and whatever it complains about becomes one sentence."""
+
+import contextlib
+import difflib
+import io
+import re
+from collections.abc import Sequence
+from typing import TypeVar
+
+import tyro
+
+from neural_strands.foundation.errors import InputError
+
+C = TypeVar("C")
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w.-]*\w")
+"""An option's name as help texts write it."""
+RULE = re.compile(r"^.*[\u2500-\u257f].*$|^-{4,}$")
+"""A line that tyro draws to part a complaint from its title and from advice, in a box or, in ASCII, without one."""
+REWORDED = (
+    (r"Missing from \S+ \S+: (\S+) .*", r"\1: expected a value, found none"),
+    (r"Missing value for argument '(\S+)'\. Expected 1 values.*", r"\1: expected a value, found none"),
+    (r"Missing value for argument '(\S+)'\. Expected (.+?) values.*", r"\1: expected \2 values, found fewer"),
+    (r"invalid choice (.+) for argument '(\S+)'\. Expected one of \((.+)\).*", r"\2: expected one of \3, found \1"),
+    (
+        r"Error parsing (\S+): no type matching (.+?) could be instantiated from \[(.*?)\].*",
+        r"\1: expected \2, found \3",
+    ),
+    (r"Unrecognized options: (.*)", r"\1: expected no further words, found these"),
+    (r"expected \{(.+?)\}", r"expected \1"),
+    (r"expected INT,", "expected a whole number,"),
+    (r"expected FLOAT,", "expected a number,"),
+)
+"""Patterns of what tyro says, and how it is said here; another wording of tyro's passes as it is."""
+
+
+def parse(command: type[C], prog: str, words: Sequence[str]) -> C | None:
+    """Parse the words of one command; None where `--help` was among them, which is printed then.
+
+    Args:
+        command: dataclass of the arguments.
+        prog: how the command is called, for help and complaints.
+        words: what follows on the command line.
+
+    Raises:
+        InputError: one sentence about the first word that does not fit.
+    """
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            return _parse(command, prog, words)
+    except SystemExit as stop:
+        if not stop.code:
+            return None
+    sentence = _unknown_option(command, prog, words) or _reworded(complaint.getvalue())
+    raise InputError(f"{sentence}; `{prog} --help` says what it takes.")
+
+
+def _parse(command: type[C], prog: str, words: Sequence[str]) -> C:
+    markers = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
+    return tyro.cli(command, prog=prog, args=list(words), config=markers)
+
+
+def _unknown_option(command: type, prog: str, words: Sequence[str]) -> str | None:
+    """What to say about the first option that the command does not have, if there is one."""
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        _parse(command, prog, ["--help"])
+    known = sorted(set(OPTION.findall(text.getvalue())))
+    for word in words:
+        name = word.partition("=")[0].replace("_", "-")
+        if name.startswith("--") and len(name) > 2 and name not in known:
+            near = difflib.get_close_matches(name, known, 1, 0)
+            return f"{name}: expected an option such as {near[0]}, found none of that name"
+    return None
+
+
+def _reworded(complaint: str) -> str:
+    """What stands between the first two rules that tyro drew, in the words of this program."""
+    parts: list[list[str]] = [[]]
+    for line in complaint.splitlines():
+        inner = line.strip(" │")
+        if RULE.match(inner):
+            parts.append([])
+        else:
+            parts[-1].append(inner)
+    said = " ".join(" ".join(parts[1] if len(parts) > 1 else parts[0]).split()).rstrip(".")
+    for pattern, words in REWORDED:
+        said = re.sub(pattern, words, said)
+    return said
