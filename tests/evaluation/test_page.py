@@ -6,6 +6,7 @@ import re
 import cv2
 import numpy as np
 import torch
+from html_page import ReportPage
 
 from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
 from neural_strands.pictures.encoding import encode_png, encode_webp
@@ -25,6 +26,12 @@ def test_page_holds_tables_and_pictures_and_escapes_text(tmp_path, generator):
     (embedded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert base64.b64decode(embedded) == picture
     assert not re.search(r"(src|href)=\"(?!data:)", page)
+    read = ReportPage(page)
+    assert read.tables == {"Figures": [["", "PSNR"], ["view <0>", "30.1"]]}
+    ((caption, shown),) = read.pictures
+    assert caption == "one"
+    np.testing.assert_array_equal(shown, decoded(picture).numpy())
+    assert all(address.startswith("data:") for address in read.addresses)
 
 
 def test_a_turntable_holds_its_frames_one_below_the_other(tmp_path):
