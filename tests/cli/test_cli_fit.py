@@ -7,13 +7,19 @@ import sys
 import time
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 import torch
 from full_disk import smallest_files
-from tiny_capture import tiny_config, true_segments, write_capture
+from html_page import ReportPage
+from tiny_capture import combed_strands, tiny_config, true_segments, write_capture
 
 from neural_strands.cli.main import main
+from neural_strands.evaluation.geometry_metrics import score_geometry
+from neural_strands.evaluation.oriented_points import sample_strands
 from neural_strands.fitting import config as fit_config
+from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.prior.vae import load_prior, save_prior
@@ -39,7 +45,7 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     told = capsys.readouterr()
     assert "200 strands after 8 steps" in told.out
     assert "expect about" in told.err
-    run = tiny / "run"
+    run, true_strands = tiny / "run", combed_strands()
     groom, arrays = read_groom(run / "groom.usd"), read_groom(run / "groom.npz")
     assert len(groom) == len(arrays) == 200
     torch.testing.assert_close(groom.vertices, arrays.vertices, atol=1e-6, rtol=0)
@@ -50,10 +56,29 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     figures = json.loads(capsys.readouterr().out)
     assert figures["held_out_views"]["count"] == 1
     assert figures["lmvs"]["1mm/10deg"]["precision"] > 95.0
-    assert 0 < figures["strands"]["3mm/30deg"]["f_score"] <= 100
+    for threshold, chance in chance_scores(arrays, true_strands).items():
+        assert 100 >= figures["strands"][threshold]["f_score"] > 2 * chance > 0, threshold
     page = (run / "report" / "index.html").read_text()
     assert page.count("data:image/png;base64,") >= 12
     assert "63.64" in page
+    read = ReportPage(page)
+    assert len(read.pictures) >= 12
+    shown = dict(read.pictures[:3])
+    photograph = cv2.imread(str(tiny / "ball" / "images" / "004.png"), cv2.IMREAD_COLOR)[..., ::-1]
+    np.testing.assert_array_equal(shown["photograph"], photograph)
+    assert shown["rendered 004.png"].shape == photograph.shape
+    assert shown["rendered 004.png"].std() > 0
+    mean = read.tables["Held-out views"][2]
+    assert mean[:2] == ["mean", f"{figures['held_out_views']['psnr']:.2f}"]
+
+
+def chance_scores(groom, true_strands):
+    """F of strands from the fit's roots that are as long as the true ones and go straight in random directions."""
+    random = torch.Generator().manual_seed(0)
+    heading = torch.nn.functional.normalize(torch.randn(len(groom), 1, 3, generator=random), dim=-1)
+    reach = lengths(true_strands).mean() * torch.linspace(0, 1, 24)[:, None]
+    scores = score_geometry(sample_strands(groom.roots[:, None] + reach * heading), sample_strands(true_strands))
+    return {score.threshold.name: score.unsigned.f_score for score in scores if score.threshold.name != "1mm/10deg"}
 
 
 def test_a_second_fit_into_the_same_folder_is_refused_and_nothing_is_lost(tiny, capsys):
