@@ -103,6 +103,7 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     Raises:
         InputError: an input is missing or wrong, or the photographs do not allow a stage.
     """
+    check_out(request)
     if request.landmarks is None or request.template is not None:
         request.detector.check()
     if request.segmenter is not None:
@@ -136,6 +137,25 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     with atomic_file(request.out / "preparation.json") as path:
         path.write_text(json.dumps(figures, indent=1), encoding="utf-8")
     return figures
+
+
+def check_out(request: PrepareRequest) -> None:
+    """See that nothing of the user's is in the way: pictures and masks in the capture are replaced.
+
+    Raises:
+        InputError: the folder holds something else than a preparation, or holds the photographs or their masks.
+    """
+    out = request.out
+    begun = (out / STAGES).is_dir()
+    if out.exists() and not begun and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(
+            f"{out}: expected a new or empty folder, or one that prepare began, found another; name a new one."
+        )
+    for path in (request.photographs, request.masks):
+        if path is not None and path.resolve().is_relative_to(out.resolve()):
+            raise InputError(
+                f"{path}: expected a folder outside {out}, which is written to; name another for the capture."
+            )
 
 
 class _Run:

@@ -1,5 +1,6 @@
 """Photographs from a folder: upright, sRGB, small enough, named apart, the damaged left out."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -104,3 +105,11 @@ def test_pictures_round_trip(tmp_path: Path):
     np.testing.assert_array_equal(read_picture(tmp_path / "a.png"), picture())
     with pytest.raises(InputError, match="expected a picture of an earlier stage"):
         read_picture(tmp_path / "b.png")
+
+
+def test_heic_without_its_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    fill(tmp_path)
+    (tmp_path / "a.heic").write_bytes(b"x")
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    with pytest.raises(InputError, match="expected the package pillow-heif to read HEIC"):
+        run(tmp_path, tmp_path / "out")

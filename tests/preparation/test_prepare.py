@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from full_disk import smallest_files
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.checks import check_capture
@@ -172,3 +173,30 @@ def test_a_measured_length_makes_the_scale(scene: Scene, prepared):
     assert figures["scale_error"] == 0.0
     with pytest.raises(InputError, match="expected both irises"):
         prepare(scene.request(out, size=KnownSize(pupil_distance=0.062)), lambda _: None)
+
+
+def test_what_is_the_users_is_left_alone(scene: Scene, prepared, tmp_path: Path):
+    theirs = tmp_path / "theirs"
+    (theirs / "images").mkdir(parents=True)
+    (theirs / "images" / "a.png").write_bytes(b"mine")
+    with pytest.raises(InputError, match="expected a new or empty folder"):
+        prepare(scene.request(theirs), print)
+    with pytest.raises(InputError, match="expected a new or empty folder"):
+        prepare(scene.request(theirs / "images" / "a.png"), print)
+    assert (theirs / "images" / "a.png").read_bytes() == b"mine"
+    out, _, _ = prepared
+    for changes in ({"photographs": out / "images"}, {"masks": out / "masks"}):
+        with pytest.raises(InputError, match="expected a folder outside"):
+            prepare(scene.request(out, **changes), print)
+
+
+def test_a_full_disk_keeps_the_stages_that_are_done(scene: Scene, tmp_path: Path):
+    out = tmp_path / "capture"
+    with smallest_files(200_000), pytest.raises(InputError, match="cannot be written"):
+        prepare(scene.request(out, bend=False), lambda _: None)
+    assert not (out / "transforms.json").exists()
+    done = {path.name for path in (out / "preparation").iterdir() if not path.name.startswith(".")}
+    assert {"photographs", "cameras", "face"} <= done
+    said: list[str] = []
+    prepare(scene.request(out, bend=False), said.append)
+    assert "face: done already." in said

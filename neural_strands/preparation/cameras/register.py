@@ -7,13 +7,14 @@ a portrait seldom lies in the middle of its sensor, and with a fixed one the pos
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.progress import track
 from neural_strands.preparation.cameras.calibration import SparsePoints
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph
@@ -54,15 +55,17 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
             values += [first.width / 2, first.height / 2]
             values += [0.0] * (8 - len(values) if options.camera_model == "OPENCV" else 1)
             options.camera_params = ",".join(f"{value:.4f}" for value in values)
-        pycolmap.extract_features(
-            database,
-            images,
-            image_names=[photograph.name for photograph in group],
-            camera_mode=pycolmap.CameraMode.SINGLE,
-            reader_options=options,
-            device=pycolmap.Device.cpu,
-        )
-    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+        with _told():
+            pycolmap.extract_features(
+                database,
+                images,
+                image_names=[photograph.name for photograph in group],
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=options,
+                device=pycolmap.Device.cpu,
+            )
+    with _told():
+        pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
 
 
 def register(
@@ -88,13 +91,14 @@ def register(
     attempts = out / "attempts"
     attempts.mkdir()
     seen = itertools.count(1)
-    models = pycolmap.incremental_mapping(
-        matches / DATABASE,
-        images,
-        attempts,
-        options,
-        next_image_callback=lambda: _tell(say, next(seen), len(photographs)),
-    )
+    with _told():
+        models = pycolmap.incremental_mapping(
+            matches / DATABASE,
+            images,
+            attempts,
+            options,
+            next_image_callback=lambda: _tell(say, next(seen), len(photographs)),
+        )
     best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
     registered = 0 if best is None else best.num_reg_images()
     if best is None or registered < max(FEWEST, math.ceil(0.25 * len(photographs))):
@@ -110,7 +114,8 @@ def register(
     if missing:
         more = f" and {len(missing) - 10} more" if len(missing) > 10 else ""
         say(f"Left out, for they do not overlap with the rest: {', '.join(missing[:10])}{more}.")
-    best.write(out)
+    with _told():
+        best.write(out)
     return _points(best)
 
 
@@ -159,6 +164,22 @@ def _tell(say: Callable[[str], None], number: int, total: int) -> None:
     """A line now and then: mapping takes minutes."""
     if number % 10 == 0:
         say(f"Placed {number} of {total} photographs.")
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """What COLMAP complains of (a full disk, a picture that changed) as a sentence.
+
+    Raises:
+        InputError: COLMAP gave up.
+    """
+    try:
+        yield
+    except (RuntimeError, ValueError) as error:
+        raise InputError(
+            f"Finding cameras: expected COLMAP to finish, found: {reason(error)}; see that the disk has room, or give "
+            "cameras with --cameras."
+        ) from error
 
 
 def _pycolmap() -> Any:

@@ -59,7 +59,7 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
     if seen < 2:
         raise InputError(
             f"{len(cameras)} photographs: expected a face in at least two that agrees with their cameras, found faces "
-            f"in {detected}; take photographs from the front, or give landmarks (--landmarks) or a head (--head)."
+            f"in {detected}; take photographs from the front, or give landmarks (--landmarks)."
         )
     others = [[face for k, face in enumerate(found) if k != chosen[view]] for view, found in enumerate(faces)]
     second = int((_consensus(cameras, projections, others) >= 0).sum())

@@ -26,12 +26,18 @@ class ColourHistogram:
     density: np.ndarray
 
     @classmethod
-    def of(cls, cells: Sequence[np.ndarray]) -> "ColourHistogram":
-        """From the cells (`colour_cells`) of chosen pixels; each array counts alike, empty ones not at all."""
+    def of(cls, cells: Sequence[np.ndarray], weights: Sequence[np.ndarray] | None = None) -> "ColourHistogram":
+        """From the cells (`colour_cells`) of chosen pixels; each array counts alike, empty ones not at all.
+
+        Args:
+            cells: one array a view.
+            weights: of the pixels, in the same arrays; all alike if None.
+        """
         counts = np.zeros(BINS**3)
-        for chosen in cells:
+        for number, chosen in enumerate(cells):
             if chosen.size:
-                counts += np.bincount(chosen.ravel(), minlength=BINS**3) / chosen.size
+                weight = None if weights is None else weights[number].ravel()
+                counts += np.bincount(chosen.ravel(), weight, minlength=BINS**3) / chosen.size
         smooth = gaussian_filter(counts.reshape(BINS, BINS, BINS), SMOOTHING, mode="nearest")
         total = smooth.sum()
         density = smooth / total * BINS**3 if total > 0 else np.ones_like(smooth)

@@ -31,6 +31,12 @@ SURE = 0.9
 PERSON_RANGE = (0.02, 0.98)
 """How sure the person's outline may be: it comes from a coarse network."""
 VOTE_RANGE = (0.02, 0.98)
+DOUBT = 0.1
+"""Weight with which a pixel teaches the colours of skin or clothes though those of hair explain it better."""
+FRONTAL = 0.7
+"""Cosine to the front from which a view shows the face: from the side hair hangs before it."""
+WISPS, WISP_WEIGHT = 0.012, 0.4
+"""Metres about the person's outline in which hair may stick out of it, and how likely the person is there."""
 FEWEST_VOTES = 2
 LOOSE = 1.5
 """Pixels by which masks reach over what was found, at the size they were computed at: hair left out is lost, a border
@@ -56,12 +62,21 @@ class HairMasks:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a view says that does not change: its picture, cells of colour, zones, and the person's outline."""
+    """What a view says that does not change.
+
+    Attributes:
+        picture: 8-bit RGB.
+        cells: of colour.
+        zones: what the head says of its pixels.
+        person: (height, width) probability of the person.
+        frontal: whether the face is seen from the front.
+    """
 
     picture: np.ndarray
     cells: np.ndarray
     zones: Zones
     person: np.ndarray
+    frontal: bool
 
 
 def find_hair(
@@ -93,7 +108,8 @@ def find_hair(
     prior: torch.Tensor | None = None
     vote = np.zeros(0)
     for number in range(ROUNDS):
-        skin = ColourHistogram.of([view.cells[view.zones.face] for view in seen])
+        frontal = [view for view in seen if view.frontal] or seen
+        skin = ColourHistogram.of([view.cells[view.zones.face] for view in frontal])
         hair = _hair_colours(seen, found, skin)
         found = [
             _segment(view, guess, (hair, skin), head, camera, prior)
@@ -126,11 +142,21 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
     zones = head.seen_by(camera)
     if outline is not None:
         person = cv2.resize(read_picture(outline)[..., 0], size, interpolation=cv2.INTER_LINEAR) / np.float32(255)
+        wide = 2 * round(WISPS / camera.footprint(_distance(camera, head))) + 1
+        beside = cv2.dilate(person, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide)))
+        person = np.maximum(person, WISP_WEIGHT * beside)
     else:
-        reach = NO_OUTLINE / camera.footprint(float((head.head.mesh.vertices.mean(dim=0) - camera.position).norm()))
+        reach = NO_OUTLINE / camera.footprint(_distance(camera, head))
         gap = cv2.distanceTransform((~(zones.head | zones.scalp)).astype(np.uint8), cv2.DIST_L2, 5)
         person = 1.0 / (1.0 + np.exp(np.clip((gap - reach) / (0.3 * reach), -30, 30)))
-    return _Seen(picture, colour_cells(picture), zones, np.clip(person, *PERSON_RANGE).astype(np.float32))
+    towards = torch.nn.functional.normalize(camera.position - head.head.scalp_mesh.corners().mean(dim=(0, 1)), dim=0)
+    person = np.clip(person, *PERSON_RANGE).astype(np.float32)
+    return _Seen(picture, colour_cells(picture), zones, person, float(towards[2]) > FRONTAL)
+
+
+def _distance(camera: Camera, head: ZonedHead) -> float:
+    """From the camera to the scalp, metres."""
+    return float((head.head.scalp_mesh.corners().mean(dim=(0, 1)) - camera.position).norm())
 
 
 def _first_guess(view: _Seen) -> np.ndarray:
@@ -157,8 +183,10 @@ def _segment(
     zones = view.zones if prior is None else head.seen_by(camera, prior)
     is_person = view.person > 0.5
     hair, all_skin = colours
-    own_skin = ColourHistogram.of([view.cells[zones.face]])
-    rest = ColourHistogram.of([view.cells[is_person & (guess < 0.5) & ~zones.face]])
+    trust = np.where(hair(view.cells) > all_skin(view.cells), DOUBT, 1.0)
+    own_skin = ColourHistogram.of([view.cells[zones.face]], [trust[zones.face]]) if view.frontal else all_skin
+    others = is_person & (guess < 0.5) & ~zones.face
+    rest = ColourHistogram.of([view.cells[others]], [trust[others]])
     background = ColourHistogram.of([view.cells[view.person < 0.1]])
     of_hair = view.person * zones.prior * hair(view.cells)
     of_person = (
