@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
+from jaxtyping import Float
 from scipy import sparse
 from scipy.sparse.linalg import splu
+from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
@@ -62,7 +64,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
     source = template.landmarks.double().numpy()[inside]
     target = evidence.landmarks[inside]
     known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
-    anchors = _rows(MeshIndex(rest).closest(torch.from_numpy(source[known]).float()), rest, count)
+    anchors = _attached(rest, torch.from_numpy(source[known]).float())
     spread = np.nan_to_num(template.spread.double().numpy()[inside][known])
     variance = LANDMARK**2 + spread**2 + np.nan_to_num(evidence.landmark_error[inside][known]) ** 2
     smooth = _laplacian(rest)
@@ -84,7 +86,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
     mesh = replace(rest, vertices=torch.from_numpy(start + moved).float())
     landmarks = template.landmarks.clone()
     every = torch.isfinite(landmarks).all(dim=1)
-    carried = _rows(MeshIndex(rest).closest(landmarks[every].float()), rest, count) @ (start + moved)
+    carried = _attached(rest, landmarks[every]) @ (start + moved)
     landmarks[every] = torch.from_numpy(carried).to(landmarks)
     return replace(template, head=replace(template.head, mesh=mesh), landmarks=landmarks)
 
@@ -140,6 +142,13 @@ def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple
     pick = sparse.csr_matrix((np.full(len(asked), 1.0 / OUTSIDE), (np.arange(len(asked)), asked)), (len(asked), count))
     rows = sparse.block_diag([pick] * 3, format="csr")
     return rows, ((goal - start)[asked] / OUTSIDE).T.ravel()
+
+
+def _attached(mesh: Mesh, points: Float[Tensor, "point 3"]) -> sparse.csr_matrix:
+    """The matrix (point, vertex) that carries points along with the surface they are nearest to."""
+    if len(points) == 0:
+        return sparse.csr_matrix((0, len(mesh.vertices)))
+    return _rows(MeshIndex(mesh).closest(points.contiguous()), mesh, len(mesh.vertices))
 
 
 def _rows(closest: ClosestPoints, mesh: Mesh, count: int) -> sparse.csr_matrix:
