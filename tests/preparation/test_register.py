@@ -36,13 +36,13 @@ def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path):
 @pytest.mark.slow
 def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     images, matches, model = folders(tmp_path)
-    paths = sorted((shared_data / "photos" / "selfie" / "images").glob("*.jpg"))[:12]
-    shots = import_photographs(paths, images, 640, print)
+    paths = sorted((shared_data / "photos" / "selfie" / "images").glob("*.jpg"))
+    shots = import_photographs(paths, images, 2048, print)
     match_photographs(images, shots, matches)
     points = register(images, shots, matches, model, lambda _: None)
     views = read_colmap(images, model)
-    assert len(views) >= 10
-    assert len(points.position) > 100
+    assert len(views) == len(paths) == 50
+    assert len(points.position) > 1000
     # All of one phone: one lens, of a plausible focal length.
     assert len({view.lens for view in views}) == 1
-    assert 0.5 < views[0].lens.intrinsics[0] / 640 < 2.0
+    assert 0.5 < views[0].lens.intrinsics[0] / 960 < 2.0
