@@ -35,7 +35,7 @@ def match_renderings(folder: Path, capture: Capture, indices: Sequence[int]) -> 
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() in SUFFIXES:
             files.setdefault(path.stem, []).append(path)
-    views = [capture.views[index] for index in indices]
+    views = [capture.files[index] for index in indices]
     stems = [Path(view.camera.name).stem for view in views]
     if missing := [stem for stem in stems if stem not in files]:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
