@@ -22,6 +22,7 @@ from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
 from neural_strands.fitting.regions import inner_part
 from neural_strands.fitting.schedule import appearance_begins, blur_width, rate_factor, released_points
 from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
 from neural_strands.model.hair_model import HairModel
@@ -91,36 +92,50 @@ def fit(
         after_step: told the state and the step's figures, to log and to save.
     """
     workers = workers or Workers()
+    while state.step < config.steps:
+        # Stopped within a step, a fit would repeat a part of it when it goes on.
+        with deferred_interrupt():
+            _take_step(state, data, config, perceptual, workers, after_step)
+
+
+def _take_step(
+    state: FitState,
+    data: FitData,
+    config: FitConfig,
+    perceptual: Perceptual | None,
+    workers: Workers,
+    after_step: Callable[[FitState, dict[str, float]], None] | None,
+) -> None:
+    """One step, with what `after_step` does about it."""
     learned = [parameter for group in state.optimiser.param_groups for parameter in group["params"]]
     images_from = appearance_begins(config.steps, config.schedule)
-    while state.step < config.steps:
-        began, step = time.perf_counter(), state.step
-        factor = rate_factor(step, config.steps, config.schedule)
-        for group in state.optimiser.param_groups:
-            group["lr"] = group["rate"] * factor
-        state.optimiser.zero_grad(set_to_none=True)
-        with_images = step >= images_from
-        in_turn = config.shape_every > 0 and (step - images_from) % config.shape_every == 0
-        shape_moves = in_turn or not with_images
-        figures: dict[str, Tensor] = {}
-        if step == images_from:
-            _first_colours(state, data, config)
-        if shape_moves:
-            figures |= _shape_part(state, data, config, workers)
-        if with_images:
-            judge = perceptual if step >= config.schedule.perceptual_from * config.steps else None
-            figures |= _image_part(state, data, config, judge, workers, shape_moves)
-        workers.sum_gradients(learned)
-        # One odd crop must not undo the fit.
-        torch.nn.utils.clip_grad_norm_(networks(state.model), config.largest_gradient)
-        state.optimiser.step()
-        state.step = step + 1
-        if shape_moves and (with_images or step % REFRESH_EVERY == 0):
-            _decode_all(state, config)
-        if after_step is not None:
-            # Only here does the host wait for the device: all of the step is in its seconds.
-            numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
-            after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
+    began, step = time.perf_counter(), state.step
+    factor = rate_factor(step, config.steps, config.schedule)
+    for group in state.optimiser.param_groups:
+        group["lr"] = group["rate"] * factor
+    state.optimiser.zero_grad(set_to_none=True)
+    with_images = step >= images_from
+    in_turn = config.shape_every > 0 and (step - images_from) % config.shape_every == 0
+    shape_moves = in_turn or not with_images
+    figures: dict[str, Tensor] = {}
+    if step == images_from:
+        _first_colours(state, data, config)
+    if shape_moves:
+        figures |= _shape_part(state, data, config, workers)
+    if with_images:
+        judge = perceptual if step >= config.schedule.perceptual_from * config.steps else None
+        figures |= _image_part(state, data, config, judge, workers, shape_moves)
+    workers.sum_gradients(learned)
+    # One odd crop must not undo the fit.
+    torch.nn.utils.clip_grad_norm_(networks(state.model), config.largest_gradient)
+    state.optimiser.step()
+    state.step = step + 1
+    if shape_moves and (with_images or step % REFRESH_EVERY == 0):
+        _decode_all(state, config)
+    if after_step is not None:
+        # Only here does the host wait for the device: all of the step is in its seconds.
+        numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
+        after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
 
 
 def networks(model: HairModel) -> list[Parameter]:

@@ -6,12 +6,14 @@ it has none. The sphere's are an equirectangular texture: u follows the azimuth,
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.raster.lines import LineBuffer
@@ -26,9 +28,9 @@ START = 0.5
 class SurroundConfig:
     """Sizes of what lies behind the hair."""
 
-    body_texture: int = 256
+    body_texture: Annotated[int, Between(1, 4096)] = 256
     """Texels a side of the body's texture, where the mesh has texture coordinates."""
-    background_texture: int = 64
+    background_texture: Annotated[int, Between(1, 4096)] = 64
     """Texels from pole to pole of the background sphere; twice as many around it."""
     background_radius: float = 10.0
     """Radius of the background sphere, metres."""

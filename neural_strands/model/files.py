@@ -2,17 +2,17 @@
 
 import dataclasses
 import json
-import typing
 from pathlib import Path
-from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.configs import config_from_json
+from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.files import atomic_folder
+from neural_strands.foundation.json_files import check_format, read_json
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
@@ -22,8 +22,18 @@ CONFIG_NAME = "config.json"
 WEIGHTS_NAME = "model.safetensors"
 FORMAT = 5
 """Version of the folder's layout."""
-
-C = TypeVar("C")
+ADVICE = "copy the folder again or fit anew"
+SHAPES = {
+    "root_position": "root 3",
+    "root_uv": "root 2",
+    "root_frame": "root 3 3",
+    "body.vertices": "vertex 3",
+    "body.faces": "face 3",
+    "body.corner_uv": "face 3 2",
+    "textures.shape": "texel texel latent",
+    "textures.appearance": "colour_texel colour_texel feature",
+}
+"""Tensors whose sizes are the capture's, not the config's, or large: checked before a model is built."""
 
 
 def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None = None) -> None:
@@ -61,43 +71,57 @@ def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairMod
                 f"{folder}: expected a hair model's folder with {CONFIG_NAME} and {WEIGHTS_NAME}, found no {name}; "
                 "name the folder that fit wrote."
             )
+    described = read_json(folder / CONFIG_NAME, "the description of a hair model", ADVICE)
+    check_format(described, FORMAT)
+    config = config_from_json(HairModelConfig, described.member("model"))
+    generator_config = config_from_json(GeneratorConfig, described.member("generator"))
     try:
-        described = json.loads((folder / CONFIG_NAME).read_text(encoding="utf-8"))
-        if described["format"] != FORMAT:
-            raise InputError(
-                f"{folder / CONFIG_NAME}: expected format {FORMAT}, came {described['format']}; "
-                "use the version of neural-strands that wrote it."
-            )
-        config = from_plain(HairModelConfig, described["model"])
-        generator = StrandGenerator(from_plain(GeneratorConfig, described["generator"]))
         tensors = load_file(folder / WEIGHTS_NAME)
-        model = HairModel(config, _roots(tensors), generator, _body(tensors), torch.Generator())
+    except (SafetensorError, OSError, ValueError) as error:
+        raise _broken(folder / WEIGHTS_NAME, f"something else ({reason(error)})") from error
+    _check_tensors(folder / WEIGHTS_NAME, tensors, config)
+    try:
+        model = HairModel(config, _roots(tensors), StrandGenerator(generator_config), _body(tensors), torch.Generator())
         model.load_state_dict(tensors)
-    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
-        reason = str(error).splitlines()[0][:160] if str(error) else type(error).__name__
-        raise InputError(
-            f"{folder}: expected a whole hair model, found something else ({reason}); copy it again or fit anew."
-        ) from error
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise _broken(folder, f"weights that do not fit {CONFIG_NAME}: {reason(error)}") from error
     return model.to(device)
 
 
-def from_plain(kind: type[C], values: dict[str, Any]) -> C:
-    """Rebuild a config dataclass, with those inside it, from what `dataclasses.asdict` and JSON made of it.
+def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConfig) -> None:
+    """Refuse tensors from which no model can be built, before one is built.
 
     Raises:
-        TypeError: a field that the dataclass does not have.
+        InputError: a tensor is missing, has another shape than its neighbours or the config have it, or is not finite.
     """
-    hints = typing.get_type_hints(kind)
-    return kind(**{name: _value(hints.get(name), value) for name, value in values.items()})
+    textures = config.textures
+    sides = {
+        "texel": textures.shape_size,
+        "latent": textures.shape_channels,
+        "colour_texel": textures.appearance_size,
+        "feature": textures.appearance_channels * textures.appearance_knots,
+    }
+    for name, shape in SHAPES.items():
+        if name == "body.corner_uv" and name not in tensors:
+            continue
+        found = tuple(tensors[name].shape) if name in tensors else ()
+        axes = shape.split()
+        if len(found) != len(axes) or any(
+            side != (int(axis) if axis.isdigit() else sides.setdefault(axis, side))
+            for axis, side in zip(axes, found, strict=True)
+        ):
+            expected = ", ".join(str(sides.get(axis, axis)) for axis in axes)
+            raise _broken(path, f"{name} of shape {found or 'none'} in place of ({expected})")
+    for name, value in tensors.items():
+        if value.is_floating_point() and not value.isfinite().all():
+            raise _broken(path, f"NaN or infinity in {name}")
+    faces, count = tensors["body.faces"], len(tensors["body.vertices"])
+    if faces.dtype != torch.int64 or (faces.numel() and not 0 <= int(faces.min()) <= int(faces.max()) < count):
+        raise _broken(path, f"faces beyond the body's {count} vertices")
 
 
-def _value(hint: Any, value: Any) -> Any:
-    if isinstance(value, list):
-        inner = typing.get_args(hint)[:1] or (None,)
-        return tuple(_value(inner[0], each) for each in value)
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type) and isinstance(value, dict):
-        return from_plain(hint, value)
-    return value
+def _broken(path: Path, found: str) -> InputError:
+    return InputError(f"{path}: expected a whole hair model, found {found}; {ADVICE}.")
 
 
 def _roots(tensors: dict[str, Tensor]) -> Roots:

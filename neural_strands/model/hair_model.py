@@ -6,13 +6,14 @@ by their roots' place on the scalp chart.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
 from torch.nn import functional
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
@@ -54,9 +55,9 @@ class HairModelConfig:
     """Colour of visible points."""
     lines: LineConfig = field(default_factory=LineConfig)
     """How strands are drawn; a fit that sees mattes finds their width itself."""
-    points: int = 100
+    points: Annotated[int, Between(2, 10000)] = 100
     """Points a strand."""
-    supersample: int = 3
+    supersample: Annotated[int, Between(1, 16)] = 3
     """Lines are drawn with this many pixels for each of the image, along each axis, and splatted together."""
     mixed_precision: bool = True
     """Run the convolutions in bfloat16 on CUDA."""

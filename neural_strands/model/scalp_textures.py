@@ -1,11 +1,13 @@
 """The neural scalp textures: shape Z_g and appearance Z_a of every strand, by where its root lies (paper, 4.1)."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from neural_strands.foundation.configs import Between
 from neural_strands.raster.texture import sample_texture
 
 
@@ -13,15 +15,15 @@ from neural_strands.raster.texture import sample_texture
 class ScalpTextureConfig:
     """Sizes of the two textures."""
 
-    shape_size: int = 256
+    shape_size: Annotated[int, Between(1, 8192)] = 256
     """Texels a side of the shape texture Z_g."""
-    shape_channels: int = 64
+    shape_channels: Annotated[int, Between(1, 1024)] = 64
     """Numbers a texel of Z_g: the latent size of the strand generator (D_g)."""
-    appearance_size: int = 512
+    appearance_size: Annotated[int, Between(1, 8192)] = 512
     """Texels a side of the appearance texture Z_a."""
-    appearance_channels: int = 16
+    appearance_channels: Annotated[int, Between(1, 1024)] = 16
     """Numbers of the appearance descriptor z_a of a point (D_a)."""
-    appearance_knots: int = 1
+    appearance_knots: Annotated[int, Between(1, 64)] = 1
     """Descriptors a texel of Z_a, evenly spaced from root to tip; points between two blend them. The paper has one."""
 
 

@@ -12,12 +12,14 @@ will look from elsewhere. A function that saw z_a as well would learn each stran
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from neural_strands.foundation.configs import Between
 from neural_strands.model import hair_volume
 
 CPU_BATCH = 4096
@@ -34,11 +36,11 @@ ANGLES = 4
 class ShadingConfig:
     """Size of the point shader."""
 
-    hidden: int = 64
+    hidden: Annotated[int, Between(0, 1024)] = 64
     """Width of its hidden layers; 0 leaves a linear decode."""
-    layers: int = 2
+    layers: Annotated[int, Between(0, 32)] = 2
     """Hidden layers."""
-    lights: int = 6
+    lights: Annotated[int, Between(0, 64)] = 6
     """Directions, learned, that light is taken to come from."""
 
 

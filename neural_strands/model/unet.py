@@ -12,12 +12,14 @@ Paper, section 4.3, "Image Generation". Design decisions:
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from neural_strands.foundation.configs import Between
 from neural_strands.raster.filters import LowPass
 from neural_strands.raster.resample import downsample, filtered_leaky_relu, leaky_relu, upsample
 
@@ -26,7 +28,7 @@ from neural_strands.raster.resample import downsample, filtered_leaky_relu, leak
 class UNetConfig:
     """Size and kind of the image generator."""
 
-    widths: tuple[int, ...] = (16, 32, 32)
+    widths: Annotated[tuple[Annotated[int, Between(1, 512)], ...], Between(1, 8)] = (16, 32, 32)
     """Channels at each level, finest first; every level halves the resolution."""
     alias_free: bool = True
     """Filtered resampling and activations; otherwise strided convolutions and pointwise activations."""

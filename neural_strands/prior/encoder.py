@@ -6,11 +6,13 @@ the CNN predicts both, as in the paper.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.analysis import analyse
 from neural_strands.prior.bounded_quantities import LONGEST, SHORTEST, logit_between
@@ -21,15 +23,15 @@ from neural_strands.prior.generator import StrandGenerator
 class EncoderConfig:
     """Sizes of the encoder."""
 
-    points: int = 100
+    points: Annotated[int, Between(2, 512)] = 100
     """Points per strand that the CNN takes."""
-    widths: tuple[int, ...] = (16, 24, 32, 48, 64)
+    widths: Annotated[tuple[Annotated[int, Between(1, 512)], ...], Between(1, 8)] = (16, 24, 32, 48, 64)
     """Channels of the strided convolutions."""
-    hidden: int = 128
+    hidden: Annotated[int, Between(1, 512)] = 128
     """Width of the layer before the heads."""
     analysis: bool = True
     """Whether the mean is the closed-form analysis, or comes from the CNN (the paper)."""
-    refine: int = 1
+    refine: Annotated[int, Between(0, 100)] = 1
     """Gauss-Newton steps of the analysis."""
     start_log_std: float = -4.0
     """Logarithm of the deviation before training."""

@@ -5,12 +5,13 @@ amplitudes of both sine layers), from which amplitude, frequency and phase of th
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from neural_strands.foundation.configs import Between
 from neural_strands.prior.blocks import in_blocks
 from neural_strands.prior.bounded_quantities import between, length_from_raw
 from neural_strands.prior.heading import smooth_from_heading
@@ -25,13 +26,13 @@ LARGEST_GAIN = 1.0
 class GeneratorConfig:
     """Sizes of the generator."""
 
-    latent: int = 64
+    latent: Annotated[int, Between(1, 512)] = 64
     """Numbers per strand (D_g in the paper)."""
     modulator: Literal["coupling", "mlp"] = "coupling"
     """Invertible coupling layers, or the paper's MLP."""
-    hidden: int = 64
+    hidden: Annotated[int, Between(1, 512)] = 64
     """Width of the modulator's networks."""
-    layers: int = 8
+    layers: Annotated[int, Between(0, 64)] = 8
     """Coupling layers, or layers of the MLP."""
     synthesiser: SynthesiserConfig = field(default_factory=SynthesiserConfig)
     """The sine layers."""

@@ -12,11 +12,13 @@ Letters: i carrier, j unit of the second layer, s smooth function (a fixed mix o
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+
+from neural_strands.foundation.configs import Between
 
 Output = Literal["gradient", "position"]
 Modulation = Literal["all", "amplitude"]
@@ -26,13 +28,13 @@ Modulation = Literal["all", "amplitude"]
 class SynthesiserConfig:
     """Sizes of the two sine layers."""
 
-    carriers: int = 40
+    carriers: Annotated[int, Between(1, 1024)] = 40
     """Sine units of the first layer."""
-    smooth: int = 12
+    smooth: Annotated[int, Between(1, 1024)] = 12
     """Functions of t per axis, mixed from the carriers, that the latent weights."""
-    sidebands: int = 4
+    sidebands: Annotated[int, Between(0, 256)] = 4
     """Pairs (sine, cosine) of second-layer units around the strand's own frequency."""
-    warps: int = 1
+    warps: Annotated[int, Between(0, 1024)] = 1
     """Functions of t, mixed from the carriers, that the latent adds to the phase of the second layer."""
     slowest: float = 4.8
     """Lowest frequency of the second layer, cycles per strand."""

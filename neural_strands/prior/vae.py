@@ -3,7 +3,6 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -11,17 +10,19 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.configs import config_from_json
+from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.json_files import parse_json
 from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths
 from neural_strands.prior.bounded_quantities import LONGEST, SHORTEST
 from neural_strands.prior.encoder import EncoderConfig, StrandEncoder
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
-from neural_strands.prior.synthesiser import SynthesiserConfig
 
 SHIPPED = Path(__file__).parent / "weights" / "strand_prior.safetensors"
 """Weights that ship with the package."""
+ADVICE = "train them again or reinstall"
 BLOCK = 2048
 """Strands encoded together; bounds the memory of the analysis."""
 
@@ -125,20 +126,22 @@ def load_prior(path: Path | None = None, device: torch.device | str = "cpu") -> 
         with safe_open(path, framework="pt", device=str(device)) as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        prior = StrandPrior(*configs(json.loads(metadata["config"])))
+    except (SafetensorError, OSError, ValueError) as error:
+        raise _broken(path, f"something else ({reason(error)})") from error
+    if "config" not in metadata:
+        raise _broken(path, "tensors without their sizes")
+    if (name := next((n for n, v in tensors.items() if not v.isfinite().all()), None)) is not None:
+        raise _broken(path, f"NaN or infinity in {name}")
+    described = parse_json(metadata["config"], f"{path}: config", "the sizes of a prior", ADVICE)
+    generator = config_from_json(GeneratorConfig, described.member("generator"))
+    encoder = config_from_json(EncoderConfig, described.member("encoder"))
+    try:
+        prior = StrandPrior(generator, encoder)
         prior.load_state_dict(tensors)
-    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
-        reason = str(error).splitlines()[0][:120]
-        raise InputError(
-            f"{path}: expected the whole weights of a strand prior, found something else ({reason}); "
-            "train them again or reinstall."
-        ) from error
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise _broken(path, f"something else ({reason(error)})") from error
     return prior.to(device).eval().requires_grad_(False)
 
 
-def configs(described: dict[str, Any]) -> tuple[GeneratorConfig, EncoderConfig]:
-    """Rebuild the configs that `save_prior` described."""
-    generator, encoder = dict(described["generator"]), dict(described["encoder"])
-    encoder["widths"] = tuple(encoder["widths"])
-    inner = SynthesiserConfig(**generator.pop("synthesiser"))
-    return GeneratorConfig(**generator, synthesiser=inner), EncoderConfig(**encoder)
+def _broken(path: Path, found: str) -> InputError:
+    return InputError(f"{path}: expected the whole weights of a strand prior, found {found}; {ADVICE}.")

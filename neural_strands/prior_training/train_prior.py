@@ -21,7 +21,9 @@ from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, tensor_bytes
+from neural_strands.foundation.interrupts import whole_steps
 from neural_strands.foundation.progress import progress_bar
+from neural_strands.foundation.tensor_files import difference, read_tensors
 from neural_strands.prior.analysis import analyse
 from neural_strands.prior.curves import CurveConfig, synthetic_curves
 from neural_strands.prior.vae import StrandPrior, save_prior
@@ -94,20 +96,24 @@ def train_prior(
     elif config.start_curves:
         start_from_curves(prior.generator, stream.draw(config.start_curves, 4).to(device), config.encoder.refine)
     saved = began
-    with progress_bar() as bar:
-        task = bar.add_task("train-prior", total=sum(config.stages))
-        for losses in _steps(run, config, stream, torch.device(device)):
-            done = run.step + sum(config.stages[: run.stage])
-            late = minutes is not None and time.monotonic() - began > 60 * minutes
-            if late or time.monotonic() - saved > config.checkpoint_seconds:
-                error = held_out_error(prior, held_out)
-                bar.update(task, description=f"train-prior, held-out error {error:.3f} mm")
-                _save(out, checkpoint, run, described, notes or {})
-                _log(out, run, {**losses, "held_out_mm": error, "seconds": round(time.monotonic() - began, 1)})
-                saved = time.monotonic()
-            bar.update(task, completed=done)
-            if late:
-                return prior
+    try:
+        with progress_bar() as bar:
+            task = bar.add_task("train-prior", total=sum(config.stages))
+            for losses in whole_steps(_steps(run, config, stream, torch.device(device))):
+                done = run.step + sum(config.stages[: run.stage])
+                late = minutes is not None and time.monotonic() - began > 60 * minutes
+                if late or time.monotonic() - saved > config.checkpoint_seconds:
+                    error = held_out_error(prior, held_out)
+                    bar.update(task, description=f"train-prior, held-out error {error:.3f} mm")
+                    _save(out, checkpoint, run, described, notes or {})
+                    _log(out, run, {**losses, "held_out_mm": error, "seconds": round(time.monotonic() - began, 1)})
+                    saved = time.monotonic()
+                bar.update(task, completed=done)
+                if late:
+                    return prior
+    except KeyboardInterrupt:
+        _save(out, checkpoint, run, described, notes or {})
+        raise
     _save(out, checkpoint, run, described, notes or {})
     final = {"held_out_mm": held_out_error(prior, held_out), "seconds": round(time.monotonic() - began, 1)}
     _log(out, run, final)
@@ -247,36 +253,42 @@ def _initialised(config: TrainPriorConfig, generator: torch.Generator) -> Strand
 
 def _save(out: Path, checkpoint: Path, run: _Run, described: str, notes: dict[str, str]) -> None:
     """Write the checkpoint and the weights, each atomically."""
-    state = {
+    with atomic_file(checkpoint) as temporary:
+        temporary.write_bytes(tensor_bytes(_content(run, described)))
+    save_prior(run.prior, out, {**notes, "training": described, "stage": str(run.stage), "step": str(run.step)})
+
+
+def _content(run: _Run, described: str) -> dict[str, Any]:
+    """What a checkpoint holds."""
+    return {
         "described": described,
         "stage": run.stage,
         "step": run.step,
         "prior": run.prior.state_dict(),
         "optimiser": run.optimiser.state_dict(),
     }
-    with atomic_file(checkpoint) as temporary:
-        temporary.write_bytes(tensor_bytes(state))
-    save_prior(run.prior, out, {**notes, "training": described, "stage": str(run.stage), "step": str(run.step)})
 
 
 def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described: str) -> None:
     if not path.is_file():
         raise InputError(f"{path}: expected a checkpoint to resume from, found no file; train without --resume first.")
-    try:
-        # Adam counts its steps on the CPU; its moments follow the weights to their device.
-        state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
-        same = state["described"] == described
-    except (RuntimeError, KeyError, EOFError, OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: expected a whole checkpoint, found something else; train without --resume."
-        ) from error
-    if not same:
+    # Adam counts its steps on the CPU; its moments follow the weights to their device.
+    state = read_tensors(path, "a whole checkpoint", "train without --resume")
+    head = state if isinstance(state, dict) else {}
+    if isinstance(head.get("described"), str) and head["described"] != described:
         raise InputError(
             f"{path}: the checkpoint was made with another configuration or seed; repeat those or drop --resume."
         )
-    run.stage, run.step = state["stage"], state["step"]
+    optimiser = _optimiser(run.prior, config, 1 if head.get("stage") == 1 else 0)
+    fault = difference(state, _content(run, described) | {"optimiser": optimiser}, "checkpoint")
+    if fault is None and not (state["stage"] in (0, 1) and 0 <= state["step"] <= config.stages[state["stage"]]):
+        fault = f"step {state['step']} of stage {state['stage']}"
+    if fault is not None:
+        raise InputError(
+            f"{path}: expected a whole checkpoint, found something else ({fault}); train without --resume."
+        )
+    run.stage, run.step, run.optimiser = state["stage"], state["step"], optimiser
     run.prior.load_state_dict(state["prior"])
-    run.optimiser = _optimiser(run.prior, config, run.stage)
     run.optimiser.load_state_dict(state["optimiser"])
 
 

@@ -6,20 +6,23 @@ Source: Kaiser 1974 by way of the StyleGAN3 paper (Karras et al. 2021), appendix
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.configs import Between
+
 
 @dataclass(frozen=True)
 class LowPass:
     """A symmetric low-pass filter that runs on the finer of two grids, `factor` times as dense as the coarser."""
 
-    taps: int = 12
+    taps: Annotated[int, Between(2, 256)] = 12
     """Number of coefficients; even, because the samples of the two grids are half a fine sample apart."""
-    factor: int = 2
+    factor: Annotated[int, Between(1, 16)] = 2
     """Fine samples per coarse sample."""
     cutoff: float = 0.45
     """Frequency of half amplitude, cycles per coarse sample; 0.5 is the coarse grid's Nyquist frequency."""

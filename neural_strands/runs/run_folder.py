@@ -9,14 +9,17 @@ from pathlib import Path
 from neural_strands import __version__
 from neural_strands.capture.capture import Capture
 from neural_strands.fitting.config import FitConfig
+from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
-from neural_strands.model.files import from_plain
+from neural_strands.foundation.json_files import check_format, read_json
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 
 FORMAT = 2
 """Version of `run.json`; 2: the settings of stereo and growth directions are part of it."""
+LONGEST_PATH = 4096
+"""Letters of the longest path that systems take."""
 
 
 @dataclass(frozen=True)
@@ -114,17 +117,12 @@ def read_description(folder: RunFolder) -> RunDescription:
     path = folder.description
     if not path.is_file():
         raise InputError(f"{folder.path}: expected the folder of a fit, found no {path.name}; run `fit` first.")
-    try:
-        plain = json.loads(path.read_text(encoding="utf-8"))
-        if plain["format"] != FORMAT:
-            raise InputError(
-                f"{path}: expected a run of format {FORMAT}, found {plain['format']}; "
-                "use the version of neural-strands that wrote it, or fit into a new folder."
-            )
-        config = from_plain(FitConfig, plain["config"])
-        return RunDescription(plain["capture"], plain["head"], plain["fingerprint"], config, plain.get("prior", ""))
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: expected the description of a fit, came something else ({error}).") from error
+    written = read_json(path, "the description of a fit", "restore it, or fit into a new folder")
+    check_format(written, FORMAT)
+    config = config_from_json(FitConfig, written.member("config"))
+    names = ("capture", "head", "fingerprint", "prior")
+    capture, head, fingerprint, prior = (written.member(name).text(LONGEST_PATH) for name in names)
+    return RunDescription(capture, head, fingerprint, config, prior)
 
 
 def check_same(folder: RunFolder, wanted: RunDescription) -> None:

@@ -1,6 +1,8 @@
 """A whole fit of a tiny capture: it learns, it resumes to the same bits, it refuses what it must."""
 
 import copy
+import itertools
+import signal
 from dataclasses import replace
 
 import pytest
@@ -121,6 +123,66 @@ def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
     for (name, ours), theirs in zip(second.model.state_dict().items(), whole.model.state_dict().values(), strict=True):
         assert torch.equal(ours, theirs), name
     assert torch.equal(second.drawn, whole.drawn)
+
+
+@pytest.mark.parametrize("moment", ["before", "after"])
+def test_an_interrupted_fit_goes_on_to_the_same_bits(scene, tmp_path, monkeypatch, moment):
+    """Ctrl-C just before or just after the optimiser's seventh update: the step is finished, and none is repeated."""
+    config = tiny_config()
+    whole, data = begin_tiny(scene, config)
+    run(whole, data, config)
+    first, data = begin_tiny(scene, config)
+    update, calls = first.optimiser.step, itertools.count(1)
+
+    def interrupted():
+        now = next(calls) == 7
+        if now and moment == "before":
+            signal.raise_signal(signal.SIGINT)
+        update()
+        if now and moment == "after":
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(first.optimiser, "step", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(first, data, config)
+    assert first.step == 7
+    save_checkpoint(first, tmp_path / "checkpoint.pt")
+    second, data = begin_tiny(scene, config)
+    load_checkpoint(second, tmp_path / "checkpoint.pt")
+    run(second, data, config)
+    for (name, ours), theirs in zip(second.model.state_dict().items(), whole.model.state_dict().values(), strict=True):
+        assert torch.equal(ours, theirs), name
+    assert torch.equal(second.drawn, whole.drawn)
+
+
+GARBAGE = {
+    "a list": lambda content: content.update(remembered=[1, 2]),
+    "nothing": lambda content: content.update(drawn=None),
+    "no moments": lambda content: content["optimiser"].update(state=None),
+    "no moment": lambda content: content["optimiser"]["state"][0].update(exp_avg=None),
+    "no groups": lambda content: content["optimiser"].update(param_groups=5),
+    "no rate": lambda content: content["optimiser"]["param_groups"][0].update(rate="fast"),
+    "another size": lambda content: content.update(first=torch.zeros(3, 2, 3)),
+    "no weights": lambda content: content["model"].clear(),
+    "no step": lambda content: content.pop("step"),
+    "a negative step": lambda content: content.update(step=-1),
+    "a text": lambda content: content.update(step="8"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(GARBAGE))
+def test_garbage_in_a_checkpoint_is_one_sentence(scene, tmp_path, name):
+    config = tiny_config()
+    state, data = begin_tiny(scene, config)
+    run(state, data, config, until=1)
+    path = tmp_path / "checkpoint.pt"
+    save_checkpoint(state, path)
+    content = torch.load(path, weights_only=True)
+    GARBAGE[name](content)
+    torch.save(content, path)
+    with pytest.raises(InputError, match=r"checkpoint\.pt: expected this fit's checkpoint, whole, found ") as caught:
+        load_checkpoint(state, path)
+    assert str(caught.value).isprintable()
 
 
 def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):

@@ -1,11 +1,15 @@
 """The prior's file and its limits."""
 
+import copy
+import json
 import struct
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 import torch
+from damage import merged
 from safetensors.torch import save_file
 
 from neural_strands.foundation.errors import InputError
@@ -145,3 +149,45 @@ def test_weights_of_another_shape_are_refused(prior: StrandPrior, tmp_path: Path
     save_file(tensors, path, metadata=metadata)
     with pytest.raises(InputError, match=r"expected the whole weights of a strand prior, found something else"):
         load_prior(path)
+
+
+SIZES = {
+    "layers": ({"generator": {"layers": 2**63}}, r"config: generator\.layers: expected a whole number from 0 to 64"),
+    "warps": ({"generator": {"synthesiser": {"warps": 10**7}}}, r"generator\.synthesiser\.warps: expected a whole"),
+    "text": ({"generator": {"latent": "64"}}, r"generator\.latent: expected a whole number from 1 to 512, found '64'"),
+    "kind": ({"generator": {"modulator": "gru"}}, "modulator: expected one of coupling, mlp, found 'gru'"),
+    "widths": ({"encoder": {"widths": [16] * 100}}, "widths: expected a list of 1 to 8 elements"),
+    "unknown": ({"encoder": {"depth": 3}}, "encoder.depth: expected a setting that EncoderConfig has"),
+    "odd": ({"generator": {"latent": 63}}, "coupling layers need an even latent"),
+    "none": ({"generator": None}, "a value under 'generator'"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(SIZES))
+def test_sizes_beyond_reason_are_refused_before_anything_is_built(prior: StrandPrior, tmp_path: Path, name: str):
+    changes, message = SIZES[name]
+    path = tmp_path / "prior.safetensors"
+    save_prior(prior, path, {})
+    described = {"generator": asdict(prior.generator.config), "encoder": asdict(prior.encoder.config)}
+    for part, values in changes.items():
+        described[part] = None if values is None else merged(described[part], values)
+    save_file(prior.state_dict(), path, metadata={"config": json.dumps(described)})
+    with pytest.raises(InputError, match=message) as caught:
+        load_prior(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("config", ["[" * 100_000, "no", "[]", '{"generator": {}, "generator": {}}'])
+def test_sizes_that_are_no_json(prior: StrandPrior, tmp_path: Path, config: str):
+    save_file(prior.state_dict(), tmp_path / "prior.safetensors", metadata={"config": config})
+    with pytest.raises(InputError, match=r"prior\.safetensors: config: expected"):
+        load_prior(tmp_path / "prior.safetensors")
+
+
+def test_weights_that_are_not_finite(prior: StrandPrior, tmp_path: Path):
+    broken = copy.deepcopy(prior)
+    with torch.no_grad():
+        broken.generator.linear.weight[0, 0] = torch.nan
+    save_prior(broken, tmp_path / "prior.safetensors", {})
+    with pytest.raises(InputError, match=r"NaN or infinity in generator\.linear\.weight"):
+        load_prior(tmp_path / "prior.safetensors")

@@ -1,6 +1,8 @@
 """Training of the prior: it learns, resumes to the same bits, and refuses what it cannot resume."""
 
+import itertools
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -172,6 +174,52 @@ def test_resume_refuses_what_does_not_fit(tmp_path: Path) -> None:
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
     with pytest.raises(InputError, match="expected a whole checkpoint, found something else"):
         train_prior(out, TINY, seed=1, resume=True)
+
+
+@pytest.mark.parametrize("interrupted_step", [2, 4, 9])
+def test_an_interrupted_run_resumes_to_the_same_bits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupted_step: int
+) -> None:
+    """Ctrl-C between the optimiser's update and the counter, in either stage and at the change between them."""
+    whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)
+    out, calls = tmp_path / "prior.safetensors", itertools.count(1)
+    update = torch.optim.Adam.step
+
+    def interrupted(*arguments):
+        update(*arguments)
+        if next(calls) == interrupted_step:
+            signal.raise_signal(signal.SIGINT)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch.optim.Adam, "step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train_prior(out, TINY, seed=1)
+    resumed = train_prior(out, TINY, seed=1, resume=True)
+    for (name, ours), theirs in zip(resumed.state_dict().items(), whole.state_dict().values(), strict=True):
+        assert torch.equal(ours, theirs), name
+
+
+GARBAGE = {
+    "a list": lambda content: content.update(prior=[1, 2]),
+    "nothing": lambda content: content["prior"].update({"generator.linear.weight": None}),
+    "no moments": lambda content: content["optimiser"].update(state=None),
+    "a stage": lambda content: content.update(stage=3),
+    "a step": lambda content: content.update(step=10**9),
+    "no step": lambda content: content.pop("step"),
+    "no text": lambda content: content.update(described=None),
+}
+
+
+@pytest.mark.parametrize("name", sorted(GARBAGE))
+def test_garbage_in_a_checkpoint_is_one_sentence(tmp_path: Path, name: str) -> None:
+    out = tmp_path / "prior.safetensors"
+    train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=1)
+    checkpoint = out.with_suffix(".checkpoint.pt")
+    content = torch.load(checkpoint, weights_only=True)
+    GARBAGE[name](content)
+    torch.save(content, checkpoint)
+    with pytest.raises(InputError, match="expected a whole checkpoint, found something else"):
+        train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=1, resume=True)
 
 
 def test_the_learning_rate_rises_and_falls_to_zero() -> None:

@@ -40,6 +40,13 @@ def damage(content: bytes, edits: list) -> bytes:
     return content
 
 
+def merged(values: dict, changes: dict) -> dict:
+    """A document with some members changed, at any depth."""
+    return values | {
+        key: merged(values[key], value) if isinstance(value, dict) else value for key, value in changes.items()
+    }
+
+
 def fuzz(examples: int) -> Callable[[Callable], Callable]:
     """The same examples in every run, as many as told."""
     checks = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]

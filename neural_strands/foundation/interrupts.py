@@ -1,0 +1,48 @@
+"""Ctrl-C at a moment of our choosing: an optimisation step is either taken whole or not at all."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+@contextmanager
+def deferred_interrupt() -> Iterator[None]:
+    """Let the first Ctrl-C (SIGINT) within the block take effect at its end; a second one takes effect at once.
+
+    Whatever handled the signal before handles it then. Outside the main thread, where Python handles no signals, and
+    where the signal is ignored, nothing is changed.
+    """
+    earlier = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(earlier):
+        yield
+        return
+    waiting: list[FrameType | None] = []
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        if waiting:
+            earlier(number, frame)
+        waiting.append(frame)
+
+    signal.signal(signal.SIGINT, keep)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, earlier)
+    if waiting:
+        earlier(signal.SIGINT, waiting[0])
+
+
+def whole_steps(steps: Iterator[T]) -> Iterator[T]:
+    """Yield what `steps` yields; a Ctrl-C while it works is deferred to its next yield."""
+    done = object()
+    while True:
+        with deferred_interrupt():
+            step = next(steps, done)
+        if step is done:
+            return
+        yield step

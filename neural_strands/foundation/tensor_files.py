@@ -1,0 +1,82 @@
+"""Checkpoints that torch wrote, read back without trust: only tensors and plain values, of the structure expected."""
+
+import warnings
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError, excerpt, reason
+from neural_strands.foundation.input_files import check_file
+
+
+def read_tensors(path: Path, what: str, advice: str) -> Any:
+    """Read what `torch.save` wrote, onto the CPU; nothing but tensors and plain values is unpickled.
+
+    Args:
+        path: the file.
+        what: what it should hold, for the message: "this fit's checkpoint".
+        advice: what to do where it holds something else.
+
+    Raises:
+        InputError: the file cannot be read, or holds something else.
+    """
+    check_file(path, what)
+    # torch's older format, not an archive, takes the sizes that a file claims at their word.
+    whole = zipfile.is_zipfile(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            content = torch.load(path, map_location="cpu", weights_only=True) if whole else None
+    except Exception as error:
+        # The unpickler, zipfile and torch's own reader raise a dozen kinds, from UnpicklingError to AttributeError.
+        raise InputError(f"{path}: expected {what}, found something else ({reason(error)}); {advice}.") from error
+    if not whole:
+        raise InputError(f"{path}: expected {what}, found something else (no archive of tensors); {advice}.")
+    return content
+
+
+def difference(found: Any, expected: Any, place: str) -> str | None:
+    """Say where a structure differs from the one expected, or None where it does not.
+
+    Dictionaries have the same keys, lists the same length, tensors the same shape and type of number, and everything
+    else the same type. What is expected of an Adam optimiser is its `state_dict`, moments of parameters that have had
+    no gradient so far left out.
+
+    Args:
+        found: what a file held.
+        expected: a structure of the right kind, of any values.
+        place: how messages call it: "checkpoint".
+    """
+    if isinstance(expected, torch.optim.Adam):
+        return difference(found, _adam_state(found, expected), place)
+    if isinstance(expected, Tensor):
+        if isinstance(found, Tensor) and (found.shape, found.dtype) == (expected.shape, expected.dtype):
+            return None
+        held = f"{found.dtype} {tuple(found.shape)}" if isinstance(found, Tensor) else excerpt(found)
+        return f"{held} in place of {expected.dtype} {tuple(expected.shape)} as {place}"
+    if type(found) is not type(expected):
+        return f"{excerpt(found)} in place of a {type(expected).__name__} as {place}"
+    if isinstance(expected, list | tuple):
+        found, expected = dict(enumerate(found)), dict(enumerate(expected))
+    if isinstance(expected, dict):
+        odd = next((key for key in {**found, **expected} if (key in found) != (key in expected)), None)
+        if odd is not None:
+            return f"{'a surplus' if odd in found else 'no'} {excerpt(odd)} in {place}"
+        parts = (difference(found[key], value, f"{place}[{excerpt(key)}]") for key, value in expected.items())
+        return next((part for part in parts if part is not None), None)
+    return None
+
+
+def _adam_state(found: Any, optimiser: torch.optim.Adam) -> dict[str, Any]:
+    """The structure of an optimiser's state, with moments for those parameters that `found` has moments of."""
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    stored = found.get("state") if isinstance(found, dict) else None
+    moments = {
+        k: {"step": torch.zeros(()), "exp_avg": parameter, "exp_avg_sq": parameter}
+        for k, parameter in enumerate(parameters)
+        if isinstance(stored, dict) and k in stored
+    }
+    return {"state": moments, "param_groups": optimiser.state_dict()["param_groups"]}
