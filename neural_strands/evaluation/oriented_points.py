@@ -10,6 +10,8 @@ from neural_strands.geometry.line_segments import LineSegments
 
 STEP = 5e-4
 """Largest distance between neighbouring samples of a curve, metres."""
+MOST_SAMPLES = 200_000_000
+"""Samples of all curves together: some twenty gigabytes."""
 ROUNDING = 1e-4
 """Share of a step by which rounding may lengthen a curve without adding a sample."""
 SAME_POINT = 1e-8
@@ -69,6 +71,9 @@ def sample_curves(
 
     Returns:
         The samples; a curve of one vertex, or of no length, gives one sample if `directions` are given, else none.
+
+    Raises:
+        ValueError: there would be more than `MOST_SAMPLES` of them.
     """
     vertices, curve, given = _without_repeats(vertices, offsets, directions)
     count = len(offsets) - 1
@@ -82,6 +87,8 @@ def sample_curves(
     arc = chord.cumsum(0)
     length = arc[last] - arc[first]
     samples = torch.where(length > 0, torch.ceil(length / step - ROUNDING).long() + 1, 1)
+    if (total := int(samples.sum())) > MOST_SAMPLES:
+        raise ValueError(f"curves of at most {MOST_SAMPLES} samples, found {total} at a step of {step:g} m")
     which = torch.repeat_interleave(torch.arange(len(samples), device=vertices.device), samples)
     number = torch.arange(len(which), device=vertices.device) - (samples.cumsum(0) - samples)[which]
     target = arc[first][which] + length[which] * number / (samples[which] - 1).clamp(min=1)

@@ -1,7 +1,10 @@
 """Reading what is scored: grooms, true strands of captures, line segments."""
 
-import zipfile
+from collections.abc import Callable
 from pathlib import Path
+
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.capture.ground_truth import read_ground_truth
 from neural_strands.evaluation.oriented_points import (
@@ -12,11 +15,10 @@ from neural_strands.evaluation.oriented_points import (
     sample_strands,
 )
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.npz import array_names
+from neural_strands.geometry.metres import check_metres
 from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import load_segments
-
-LARGEST_EXTENT = 5.0
-"""Metres across beyond which a file cannot be hair in metres."""
 
 
 def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
@@ -30,28 +32,26 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     """
     if path.is_dir():
         path = path / "ground_truth.npz"
-    names = array_names(path)
-    if "strands" in names:
-        sampled = sample_strands(read_ground_truth(path).points, step)
-    elif "segment_id" in names:
-        sampled = sample_segments(load_segments(path), step)
-    else:
-        groom = read_groom(path)
-        sampled = sample_curves(groom.vertices, groom.offsets, step)
+    vertices, sample = _read(path)
+    # In centimetres, sampling would take a hundred times the memory.
+    check_metres(path, vertices)
+    try:
+        sampled = sample(step)
+    except ValueError as error:
+        raise InputError(f"{path}: expected {error}; give a larger --step or fewer strands.") from error
     if len(sampled) == 0:
-        raise InputError(f"{path}: expected strands with some length, came none.")
-    extent = float((sampled.points.amax(dim=0) - sampled.points.amin(dim=0)).max())
-    if extent > LARGEST_EXTENT:
-        raise InputError(
-            f"{path}: expected hair in metres, came something {extent:.3g} across; convert it first, for instance with "
-            "neural-strands convert IN OUT --scale 0.01 for centimetres."
-        )
+        raise InputError(f"{path}: expected strands with some length, found none; give another file.")
     return sampled
 
 
-def array_names(path: Path) -> set[str]:
-    """Names of the arrays of an npz; none for any other file."""
-    if path.suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
-        return set()
-    with zipfile.ZipFile(path) as archive:
-        return {name.removesuffix(".npy") for name in archive.namelist()}
+def _read(path: Path) -> tuple[Float[Tensor, "vertex 3"], Callable[[float], OrientedPoints]]:
+    """The vertices of a file, and what samples its curves at a step."""
+    names = array_names(path)
+    if "strands" in names:
+        points = read_ground_truth(path).points
+        return points.reshape(-1, 3), lambda step: sample_strands(points, step)
+    if "segment_id" in names:
+        segments = load_segments(path)
+        return segments.points, lambda step: sample_segments(segments, step)
+    groom = read_groom(path)
+    return groom.vertices, lambda step: sample_curves(groom.vertices, groom.offsets, step)

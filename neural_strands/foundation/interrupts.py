@@ -39,10 +39,10 @@ def deferred_interrupt() -> Iterator[None]:
 
 def whole_steps(steps: Iterator[T]) -> Iterator[T]:
     """Yield what `steps` yields; a Ctrl-C while it works is deferred to its next yield."""
-    done = object()
     while True:
         with deferred_interrupt():
-            step = next(steps, done)
-        if step is done:
-            return
+            try:
+                step = next(steps)
+            except StopIteration:
+                return
         yield step

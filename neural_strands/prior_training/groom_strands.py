@@ -8,8 +8,8 @@ from torch import Tensor
 
 from neural_strands.capture.ground_truth import read_ground_truth
 from neural_strands.capture.head import head_path
-from neural_strands.evaluation.score_files import array_names
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.npz import array_names
 from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths

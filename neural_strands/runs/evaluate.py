@@ -1,6 +1,5 @@
 """Evaluation of a finished or stopped fit: figures, and the report page."""
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.runs.run_log import read_log
 from neural_strands.scalp.head import Head
 
 
@@ -155,9 +155,7 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
 
 def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
     """Loss curves of a run's log, thinned to at most 400 averages each; empty without a log."""
-    if not path.is_file():
-        return {}
-    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    rows = read_log(path)
     names = {name for row in rows for name in row} - {"step", "seconds"}
     width = max(1, math.ceil(len(rows) / 400))
     series: dict[str, list[tuple[float, float]]] = {}

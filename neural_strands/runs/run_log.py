@@ -1,10 +1,16 @@
 """The log of a run: the figures of every step."""
 
 import json
+import logging
+from contextlib import suppress
 from pathlib import Path
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.input_files import read_bytes
+from neural_strands.foundation.json_files import parse_json
+
+log = logging.getLogger(__name__)
 
 
 class RunLog:
@@ -17,7 +23,7 @@ class RunLog:
             InputError: the file cannot be written.
         """
         self._path = path
-        kept = path.read_text(encoding="utf-8").splitlines()[:step] if path.is_file() and step else []
+        kept = _lines(path)[:step] if path.is_file() and step else []
         with atomic_file(path) as temporary:
             temporary.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
         self._waiting: list[str] = []
@@ -38,3 +44,28 @@ class RunLog:
                 file.writelines(lines)
         except OSError as error:
             raise InputError(f"{self._path}: cannot be written ({error.strerror or error}).") from error
+
+
+def read_log(path: Path) -> list[dict[str, float]]:
+    """Figures of the steps of a run's log, in its order; none where there is no log.
+
+    A line that a stopped run left unfinished is left out, with a warning.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    rows: list[dict[str, float]] = []
+    lines = _lines(path) if path.is_file() else []
+    for line in lines:
+        with suppress(InputError):
+            members = parse_json(line, str(path), "the figures of a step", with_constants=True).members()
+            row = {name: float(member.value) for name, member in members.items() if type(member.value) in (int, float)}
+            if "step" in row:
+                rows.append(row)
+    if len(rows) < len(lines):
+        log.warning("%s: %d of %d lines cannot be read and are left out.", path, len(lines) - len(rows), len(lines))
+    return rows
+
+
+def _lines(path: Path) -> list[str]:
+    return read_bytes(path, "the log of a run").decode("utf-8", errors="replace").splitlines()
