@@ -134,13 +134,7 @@ class Capture:
         path = paths.get(part) or view.image_path
 
         def decode() -> dict[tuple, np.ndarray]:
-            pixels = read_pixels(path)
-            height, width = pixels.shape[:2]
-            if (width, height) != (view.lens.width, view.lens.height):
-                raise InputError(
-                    f"{path}: expected {view.lens.width} x {view.lens.height} pixels as its camera says, found "
-                    f"{width} x {height}; resize the file or scale the intrinsics."
-                )
+            pixels = read_pixels(path, (view.lens.width, view.lens.height))
             if part in paths:
                 parts = {part: mask_of(pixels)}
             else:

@@ -8,7 +8,8 @@ import torch
 
 from neural_strands.capture.lens import Lens
 from neural_strands.capture.view_files import ViewFiles, find_mask, rigid, undistorted_intrinsics
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, excerpt
+from neural_strands.foundation.input_files import is_file_path, read_bytes, read_text
 from neural_strands.geometry.cameras import Camera
 
 MODELS = (("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8))
@@ -45,7 +46,7 @@ def read_colmap(folder: Path, model: Path) -> tuple[ViewFiles, ...]:
     lenses = readers[0](camera_path)
     images = readers[1](image_path)
     if not images:
-        raise InputError(f"{image_path}: expected registered images, came none; calibrate the photographs again.")
+        raise InputError(f"{image_path}: expected registered images, found none; calibrate the photographs again.")
     root = folder / "images" if (folder / "images").is_dir() else folder
     return tuple(_view(folder, root, image, lenses, image_path) for image in sorted(images, key=lambda i: i.name))
 
@@ -112,12 +113,7 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.offset = 0
-        try:
-            self.data = path.read_bytes()
-        except OSError as error:
-            raise InputError(
-                f"{path}: expected COLMAP's binary model, but it cannot be read ({error.strerror})."
-            ) from error
+        self.data = read_bytes(path, "COLMAP's binary model")
 
     def unpack(self, layout: str) -> tuple:
         size = struct.calcsize(layout)
@@ -128,7 +124,7 @@ class _Reader:
     def skip(self, size: int) -> None:
         if self.offset + size > len(self.data):
             raise InputError(
-                f"{self.path}: expected {size} more bytes at byte {self.offset}, came the end of the file; "
+                f"{self.path}: expected {size} more bytes at byte {self.offset}, found the end of the file; "
                 "the file is truncated, copy it again."
             )
         self.offset += size
@@ -139,14 +135,14 @@ class _Reader:
         (number,) = self.unpack("<Q")
         if number * smallest > len(self.data) - self.offset:
             raise InputError(
-                f"{self.path}: expected a count that fits the file at byte {start}, came {number}; copy the file again."
+                f"{self.path}: expected a count that fits the file at byte {start}, found {number}; copy it again."
             )
         return number
 
     def text(self) -> str:
         end = self.data.find(b"\0", self.offset)
         if end < 0:
-            raise InputError(f"{self.path}: expected an image name ended by a zero at byte {self.offset}, came none.")
+            raise InputError(f"{self.path}: expected an image name ended by a zero at byte {self.offset}, found none.")
         name = self.data[self.offset : end].decode("utf-8", errors="replace")
         self.offset = end + 1
         return name
@@ -154,15 +150,12 @@ class _Reader:
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Numbered lines without comments."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected COLMAP's text model, but it cannot be read ({error}).") from error
+    text = read_text(path, "COLMAP's text model")
     return [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith("#")]
 
 
 def _malformed(path: Path, place: str, expected: str) -> InputError:
-    return InputError(f"{path}: {place}: expected {expected}, came something else; export the model again.")
+    return InputError(f"{path}: {place}: expected {expected}, found something else; export the model again.")
 
 
 def _lens(name: str, width: int, height: int, parameters: list[float], source: str) -> Lens:
@@ -170,14 +163,12 @@ def _lens(name: str, width: int, height: int, parameters: list[float], source: s
     known = dict(MODELS)
     if name not in known:
         raise InputError(
-            f"{source}: expected a camera model out of {', '.join(known)}, came {name}; undistort the images first "
-            "with COLMAP's image_undistorter."
+            f"{source}: expected a camera model out of {', '.join(known)}, found {excerpt(name)}; "
+            "undistort the images first with COLMAP's image_undistorter."
         )
-    usable = len(parameters) == known[name] and all(abs(value) < 1e9 for value in parameters)
-    if not usable or min(width, height) <= 0 or max(width, height) > 10**6 or parameters[0] <= 0:
+    if len(parameters) != known[name]:
         raise InputError(
-            f"{source}: expected {known[name]} parameters, a positive focal length and size for {name}, "
-            f"came {parameters} and {width} x {height}."
+            f"{source}: expected {known[name]} parameters for {name}, found {len(parameters)}; export the model again."
         )
     if name in ("PINHOLE", "OPENCV"):
         focal_x, focal_y, *rest = parameters
@@ -185,12 +176,21 @@ def _lens(name: str, width: int, height: int, parameters: list[float], source: s
         focal_x, *rest = parameters
         focal_y = focal_x
     k1, k2, p1, p2 = (*rest[2:], 0.0, 0.0, 0.0, 0.0)[:4]
-    return Lens((focal_x, focal_y, rest[0], rest[1]), (k1, k2, p1, p2, 0.0), width, height)
+    try:
+        return Lens((focal_x, focal_y, rest[0], rest[1]), (k1, k2, p1, p2, 0.0), width, height)
+    except ValueError as error:
+        raise InputError(f"{source}: expected {error}; export the model again.") from error
 
 
 def _view(folder: Path, root: Path, image: ColmapImage, lenses: dict[int, Lens], source: Path) -> ViewFiles:
+    if not is_file_path(image.name):
+        raise InputError(
+            f"{source}: expected names of image files, found {excerpt(image.name)}; export the model again."
+        )
     if image.camera_id not in lenses:
-        raise InputError(f"{source}: {image.name}: expected a camera listed in cameras, came number {image.camera_id}.")
+        raise InputError(
+            f"{source}: {image.name}: expected a camera listed in cameras, found {image.camera_id}; export it again."
+        )
     lens = lenses[image.camera_id]
     camera = Camera.from_colmap(
         torch.tensor(image.pose[:4], dtype=torch.float64),

@@ -12,6 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.image_files import image_size
+from neural_strands.foundation.input_files import read_bytes
 
 
 class ImageCache:
@@ -43,26 +45,35 @@ class ImageCache:
         return decoded[key]
 
 
-def read_pixels(path: Path) -> np.ndarray:
+def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
     """Read an image as stored: uint8 or uint16, (height, width, channel) with 1 to 4 channels, RGB order.
 
     Orientation tags are ignored: calibrations are of the stored pixels.
 
+    Args:
+        path: the image.
+        size: width and height that its camera has; an image of another size is not decoded.
+
     Raises:
-        InputError: the file is missing, is no image, or has another sample type.
+        InputError: the file cannot be read, is no image, is too large or of another size, or has another sample type.
     """
+    width, height = image_size(path)
+    if size is not None and size != (width, height):
+        raise InputError(
+            f"{path}: expected {size[0]} x {size[1]} pixels as its camera says, found {width} x {height}; "
+            "resize the file or scale the intrinsics."
+        )
+    encoded = np.frombuffer(read_bytes(path, "an image"), np.uint8)
     try:
-        encoded = np.fromfile(path, dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: expected an image, but it cannot be read ({error.strerror}).") from error
-    try:
-        pixels = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
+        pixels = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED)
     except cv2.error:
         pixels = None
-    if pixels is None:
-        raise InputError(f"{path}: expected a PNG or JPEG image, came {encoded.size} bytes that do not decode as one.")
+    if pixels is None or pixels.shape[:2] != (height, width):
+        raise InputError(
+            f"{path}: expected a whole image, found {encoded.size} bytes that do not decode as one; export it again."
+        )
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: expected 8 or 16 bits a sample, came {pixels.dtype}; save it as PNG or JPEG.")
+        raise InputError(f"{path}: expected 8 or 16 bits a sample, found {pixels.dtype}; save it as PNG or JPEG.")
     if pixels.ndim == 2:
         return pixels[:, :, None]
     order = {2: [0, 1], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[pixels.shape[2]]

@@ -5,13 +5,22 @@ Intrinsics here follow the project (pixel centres at +0.5); OpenCV's own functio
 half a pixel is subtracted on the way in.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from neural_strands.foundation.image_files import MOST_PIXELS
+
 ZOOM_RANGE = (0.5, 2.0)
 """Largest ratio between the focal lengths of the undistorted view and the lens."""
+FOCAL_RANGE = (0.01, 10_000.0)
+"""Focal lengths of lenses, in image sides (the longer one)."""
+FARTHEST_CENTRE = 100.0
+"""Distance of the principal point from the image's corner, in image sides: crops have it far outside."""
+MOST_DISTORTION = 1000.0
+"""Largest coefficient: that of the sixth power grows for long lenses."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +32,30 @@ class Lens:
         coefficients: k1, k2, p1, p2, k3 (OpenCV's order), dimensionless.
         width: image width in pixels.
         height: image height in pixels.
+
+    Raises:
+        ValueError: sizes that no image has, or a focal length, a centre or distortion that no lens has.
     """
 
     intrinsics: tuple[float, float, float, float]
     coefficients: tuple[float, float, float, float, float]
     width: int
     height: int
+
+    def __post_init__(self) -> None:
+        side = max(self.width, self.height)
+        fx, fy, cx, cy = self.intrinsics
+        if not all(math.isfinite(value) for value in (*self.intrinsics, *self.coefficients)):
+            raise ValueError("finite parameters, found NaN or infinity")
+        if min(self.width, self.height) < 1 or self.width * self.height > MOST_PIXELS:
+            raise ValueError(f"a positive size of at most {MOST_PIXELS} pixels, found {self.width} x {self.height}")
+        low, high = FOCAL_RANGE
+        if not low * side <= min(fx, fy) <= max(fx, fy) <= high * side:
+            raise ValueError(f"a focal length of {low} to {high} image widths, found {fx:g} and {fy:g} pixels")
+        if not max(abs(cx), abs(cy)) <= FARTHEST_CENTRE * side:
+            raise ValueError(f"a centre near the image, found {cx:g}, {cy:g}")
+        if not max(abs(value) for value in self.coefficients) <= MOST_DISTORTION:
+            raise ValueError(f"distortion of at most {MOST_DISTORTION:g}, found {max(self.coefficients, key=abs):g}")
 
     @property
     def distorts(self) -> bool:

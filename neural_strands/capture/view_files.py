@@ -13,6 +13,8 @@ from neural_strands.geometry.cameras import Camera
 
 ROTATION_TOLERANCE = 1e-2
 """Largest deviation of a stored rotation from orthonormal (exports round to a few digits)."""
+FARTHEST = 1e6
+"""Distance of a camera from the origin that no unit explains."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +45,15 @@ def rigid(matrix: Float[Tensor, "4 4"], source: str) -> Float[Tensor, "4 4"]:
     """Check that a matrix is a rotation and a translation, and return it with its rotation made exact.
 
     Raises:
-        InputError: a value is not finite, or the matrix scales, shears or mirrors.
+        InputError: a value is not finite or absurd, or the matrix scales, shears or mirrors.
     """
     rotation = matrix[:3, :3]
     off = (rotation @ rotation.T - torch.eye(3, dtype=matrix.dtype)).abs().max()
-    if not torch.isfinite(matrix).all() or off > ROTATION_TOLERANCE or torch.linalg.det(rotation) < 0:
+    near = bool(matrix[:3, 3].abs().max() < FARTHEST)
+    if not torch.isfinite(matrix).all() or not near or off > ROTATION_TOLERANCE or torch.linalg.det(rotation) < 0:
         raise InputError(
-            f"{source}: expected a rigid camera pose (rotation and translation), came one that is not finite, scales, "
-            "shears or mirrors; export the poses again."
+            f"{source}: expected a rigid camera pose (rotation and translation), found one that is not finite, scales, "
+            "shears, mirrors or is absurdly far away; export the poses again."
         )
     left, _, right = torch.linalg.svd(rotation)
     exact = matrix.clone()

@@ -1,12 +1,19 @@
 """Whole files as bytes or text; whatever keeps a file from being read is one sentence."""
 
 import stat
-from pathlib import Path
+import unicodedata
+from pathlib import Path, PurePosixPath
 
 from neural_strands.foundation.errors import InputError, reason
 
 LARGEST_FILE = 2**32
 """Bytes of the largest file that is read at once, unless the caller allows less."""
+LONGEST_PATH = 1000
+"""Letters of a path that a file may name; systems take some 4000 bytes."""
+REFUSED_LETTERS = {"Cc", "Cs", "Zl", "Zp"}
+"""Unicode categories of control characters, halves of a letter and line separators."""
+LONGEST_NAME = 240
+"""Bytes of a file's or folder's name: systems take 255, and names of masks are longer than those of images."""
 
 
 def read_bytes(path: Path, what: str, most: int = LARGEST_FILE) -> bytes:
@@ -40,6 +47,18 @@ def read_text(path: Path, what: str, most: int = LARGEST_FILE) -> str:
             f"{path}: expected {what} as UTF-8 text, found byte {error.object[error.start]:#04x} at {error.start}; "
             "save it as UTF-8."
         ) from error
+
+
+def is_file_path(text: str) -> bool:
+    """Whether a text from a file can name a file: without control characters, of lengths that systems take."""
+    path = PurePosixPath(text)
+    short = len(text) <= LONGEST_PATH and all(len(part.encode(errors="replace")) <= LONGEST_NAME for part in path.parts)
+    return bool(path.name) and path.name != ".." and short and not has_controls(text)
+
+
+def has_controls(text: str) -> bool:
+    """Whether a text holds what no name or path may: control characters, halves of a letter, line separators."""
+    return not text.isprintable() and any(unicodedata.category(letter) in REFUSED_LETTERS for letter in text)
 
 
 def check_file(path: Path, what: str, most: int = LARGEST_FILE) -> None:

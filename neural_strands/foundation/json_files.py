@@ -8,7 +8,6 @@ import gzip
 import io
 import json
 import math
-import unicodedata
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from neural_strands.foundation.errors import InputError, excerpt, reason
-from neural_strands.foundation.input_files import read_bytes
+from neural_strands.foundation.input_files import has_controls, is_file_path, read_bytes
 
 LARGEST_JSON = 2**27
 """Bytes of the largest document, after a .gz is unpacked."""
@@ -26,8 +25,6 @@ LONGEST_TEXT = 1000
 """Letters of the longest text that is taken from a document."""
 LONGEST_KEY = 40
 """Letters of a name that a message repeats as it is."""
-REFUSED_LETTERS = {"Cc", "Cs", "Zl", "Zp"}
-"""Unicode categories that no name or path may hold: control characters, halves of a letter, line separators."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +91,19 @@ class JsonValue:
         Raises:
             InputError: something else stands here.
         """
-        value = self.value
-        if isinstance(value, str) and len(value) <= longest and (value.isprintable() or not _controls(value)):
-            return value
+        if isinstance(self.value, str) and len(self.value) <= longest and not has_controls(self.value):
+            return self.value
         raise self.refuse(f"a text of at most {longest} letters without control characters")
+
+    def file_path(self) -> str:
+        """Take the path of a file, relative or not.
+
+        Raises:
+            InputError: something else stands here.
+        """
+        if isinstance(self.value, str) and is_file_path(self.value):
+            return self.value
+        raise self.refuse("the path of a file")
 
     def choice(self, options: Sequence[str]) -> str:
         """Take one of the texts in `options`.
@@ -276,10 +282,6 @@ def _members_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name}, which is no number of JSON")
-
-
-def _controls(text: str) -> bool:
-    return any(unicodedata.category(letter) in REFUSED_LETTERS for letter in text)
 
 
 def _between(low: float | int, high: float | int) -> str:

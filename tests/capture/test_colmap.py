@@ -118,7 +118,7 @@ def test_a_count_of_four_billion_is_refused_before_anything_is_allocated(tmp_pat
     write_binary(tmp_path)
     content = (tmp_path / "images.bin").read_bytes()
     (tmp_path / "images.bin").write_bytes(struct.pack("<Q", 2**32) + content[8:])
-    with pytest.raises(InputError, match=r"images.bin: expected a count that fits the file at byte 0, came 4294967296"):
+    with pytest.raises(InputError, match=r"images.bin: expected a count that fits .* at byte 0, found 4294967296"):
         read_images_binary(tmp_path / "images.bin")
     (tmp_path / "images.bin").write_bytes(content[:-5])
     with pytest.raises(InputError, match="at byte"):
@@ -132,7 +132,7 @@ def test_unknown_models_and_cameras_are_one_sentence(tmp_path):
     with pytest.raises(InputError, match="FISHEYE"):
         Capture.load(tmp_path)
     (tmp_path / "cameras.txt").write_text(lines.replace("9 OPENCV", "8 OPENCV"))
-    with pytest.raises(InputError, match="number 9"):
+    with pytest.raises(InputError, match="listed in cameras, found 9"):
         Capture.load(tmp_path)
     (tmp_path / "images.txt").unlink()
     with pytest.raises(InputError, match=r"images\.txt"):

@@ -1,0 +1,76 @@
+"""The header of an image is believed only so far, and nothing is decoded for it."""
+
+import io
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+from damage import EDIT, damage, fuzz, read_or_refuse
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.image_files import image_size
+
+
+def encoded(kind: str, size: tuple[int, int] = (7, 5)) -> bytes:
+    buffer = io.BytesIO()
+    Image.new("RGB", size, (200, 100, 50)).save(buffer, kind)
+    return buffer.getvalue()
+
+
+def png(width: int, height: int) -> bytes:
+    """A PNG whose header claims this size, and that holds a single byte of pixels."""
+
+    def chunk(name: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP"])
+def test_sizes_of_formats(tmp_path, kind):
+    (tmp_path / "a").write_bytes(encoded(kind))
+    assert image_size(tmp_path / "a") == (7, 5)
+
+
+def test_a_large_image_costs_nothing(tmp_path):
+    assert read_or_refuse(tmp_path / "a.png", png(14_000, 11_000), image_size, most=1_000_000) == ""
+    assert image_size(tmp_path / "a.png") == (14_000, 11_000)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (png(30_000, 30_000), "at most 160000000 pixels"),
+        (png(14_000, 12_000), "at most 160000000 pixels, found 14000 x 12000; resize it"),
+        (png(2**31 - 1, 2**31 - 1), "expected an image"),
+        (png(0, 5), "expected an image"),
+        (b"", "such as PNG or JPEG"),
+        (b"no image", "such as PNG or JPEG"),
+        (png(7, 5)[:20], "such as PNG or JPEG"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(tmp_path, content, message):
+    assert message in read_or_refuse(tmp_path / "a.png", content, image_size, most=1_000_000)
+
+
+def test_no_file(tmp_path):
+    assert "found a folder" in refusal_of(tmp_path)
+    assert "found nothing there" in refusal_of(tmp_path / "a.png")
+
+
+def refusal_of(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        image_size(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP"])
+@fuzz(80)
+@given(edits=st.lists(EDIT, min_size=1, max_size=4))
+def test_damage(kind: str, tmp_path: Path, edits: list):
+    read_or_refuse(tmp_path / "a", damage(encoded(kind), edits), image_size, most=20_000_000)
