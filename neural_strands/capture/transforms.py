@@ -33,12 +33,13 @@ def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
     if not frames.elements():
         raise frames.refuse("a list of at least one frame")
     shared = {key: value for key, value in document.members().items() if key != "frames"}
-    return tuple(_view(path.parent, frame, shared) for frame in frames.elements())
+    folder, entries = path.parent, frames.elements()
+    images = [_image_path(folder, entry.member("file_path").file_path()) for entry in entries]
+    names = _view_names(folder, images)
+    return tuple(_view(folder, *view, shared) for view in zip(entries, images, names, strict=True))
 
 
-def _view(folder: Path, frame: JsonValue, shared: dict[str, JsonValue]) -> ViewFiles:
-    image_path = _image_path(folder, frame.member("file_path").file_path())
-    name = _view_name(folder, image_path)
+def _view(folder: Path, frame: JsonValue, image_path: Path, name: str, shared: dict[str, JsonValue]) -> ViewFiles:
     lens = _lens(frame, shared, image_path)
     written = frame.member("transform_matrix")
     rows = written.array(None, 4)
@@ -67,12 +68,21 @@ def _image_path(folder: Path, name: str) -> Path:
     return path
 
 
-def _view_name(folder: Path, image_path: Path) -> str:
-    """A view is called by its place below `images/`, as COLMAP does, or by its file name where it lies elsewhere."""
-    root = folder / "images"
-    if image_path.is_relative_to(root) and ".." not in image_path.relative_to(root).parts:
-        return image_path.relative_to(root).as_posix()
-    return image_path.name
+def _view_names(folder: Path, images: list[Path]) -> list[str]:
+    """A view is called by its place below `images/`, as COLMAP does, or by its file name where it lies elsewhere.
+
+    Where file names alone do not tell those elsewhere apart, their places below the folder do.
+    """
+    names = [_place(folder / "images", image) or image.name for image in images]
+    if len(set(names)) == len(names):
+        return names
+    return [_place(folder / "images", image) or _place(folder, image) or image.name for image in images]
+
+
+def _place(root: Path, path: Path) -> str | None:
+    """A path relative to a folder that it lies below."""
+    below = path.is_relative_to(root) and ".." not in path.relative_to(root).parts
+    return path.relative_to(root).as_posix() if below else None
 
 
 def _mask_path(folder: Path, given: JsonValue | None, default: str, name: str) -> Path | None:

@@ -1,12 +1,13 @@
 """`neural-strands render`: images or a video of a fitted model."""
 
+import itertools
 import json as json_module
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -31,7 +32,7 @@ VIDEO_SUFFIXES = (".mp4",)
 class Render:
     """Render a fitted model from given cameras, or all round.
 
-    The strands are decoded once. Images are PNG, named as the cameras are; a video is MPEG-4.
+    The strands are decoded once. Images are PNG, named and in sub-folders as the cameras are; a video is MPEG-4.
     """
 
     model: Annotated[Path, tyro.conf.Positional]
@@ -123,9 +124,10 @@ class Render:
         from neural_strands.pictures.encoding import write_png
 
         if self.out.suffix.lower() not in VIDEO_SUFFIXES:
+            taken: set[str] = set()
 
             def write_image(name: str, frame: "np.ndarray") -> None:
-                write_png((self.out / name).with_suffix(".png"), frame)
+                write_png(self.out / picture_name(name, taken), frame)
 
             yield write_image
             return
@@ -146,3 +148,18 @@ class Render:
                 yield write_frame
             finally:
                 video.release()
+
+
+def picture_name(camera: str, taken: set[str]) -> str:
+    """The place of a camera's picture below the folder of all, of its own even where two cameras share a name.
+
+    Args:
+        camera: the camera's name; whatever of it would lead out of the folder is left out.
+        taken: names that were given out before; the new one is added.
+    """
+    parts = [part for part in PurePosixPath(camera.replace("\\", "/")).parts if part not in ("/", "..")]
+    plain = PurePosixPath(*parts).with_suffix("") if parts else PurePosixPath("view")
+    candidates = itertools.chain([plain], (plain.with_name(f"{plain.name}_{k}") for k in itertools.count(2)))
+    name = next(f"{candidate}.png" for candidate in candidates if f"{candidate}.png" not in taken)
+    taken.add(name)
+    return name

@@ -21,12 +21,13 @@ from neural_strands.evaluation.lpips import TRAINING_NETWORK, find_lpips, traini
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.evaluation.timing import time_function
 from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, mean_quality, view_qualities
+from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.views import View
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.runs.run_folder import RunFolder, fingerprint, found_again, read_description
 from neural_strands.runs.run_log import read_log
 from neural_strands.scalp.head import Head
 
@@ -111,12 +112,24 @@ def open_run(path: Path, device: torch.device) -> RunContents:
     """Read a run.
 
     Raises:
-        InputError: a part is missing or broken.
+        InputError: a part is missing or broken, or the capture or its head is not the one that was fitted.
     """
     folder = RunFolder(path)
     described = read_description(folder)
-    capture = Capture.load(Path(described.capture))
-    head = find_head(capture, Path(described.head) if described.head else None).to(device)
+    place = found_again(folder, described, described.capture)
+    if not place.exists():
+        raise InputError(
+            f"{path}: expected the capture that was fitted at {place}, found nothing there; restore it, or move run "
+            "and capture together."
+        )
+    capture = Capture.load(place)
+    head = find_head(capture, found_again(folder, described, described.head) if described.head else None)
+    if fingerprint(capture, head) != described.fingerprint:
+        raise InputError(
+            f"{path}: the capture {place} has changed since it was fitted (cameras, images, masks or head); "
+            "restore it, or fit it again into a new folder."
+        )
+    head = head.to(device)
     renderer = HairRenderer.of(load_hair_model(folder.model, device))
     held = held_out_views(len(capture), described.config.hold_out_every)
     shown = held or training_views(len(capture), described.config.hold_out_every)

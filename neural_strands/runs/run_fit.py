@@ -153,7 +153,12 @@ def prepare_run(
     elif request.minutes is not None:
         config = replace(config, steps=read_description(folder).config.steps)
     described = RunDescription(
-        str(request.capture), str(request.head or ""), fingerprint(capture, head), config, weights_digest(prior)
+        str(request.capture.absolute()),
+        "" if request.head is None else str(request.head.absolute()),
+        fingerprint(capture, head),
+        config,
+        weights_digest(prior),
+        str(request.out.absolute()),
     )
     if resuming:
         check_same(folder, described)
@@ -208,7 +213,7 @@ def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
     finally:
         if leads:
             save_checkpoint(state, folder.checkpoint)
-            write_outputs(folder, state.model, data, {"capture": run.described.capture, "step": str(state.step)})
+            write_outputs(folder, state.model, data, {"capture": str(run.capture.folder), "step": str(state.step)})
     return state
 
 

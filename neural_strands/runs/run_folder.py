@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,11 +84,12 @@ class RunDescription:
     """What `run.json` holds.
 
     Attributes:
-        capture: folder of the capture.
-        head: head file that was given, or empty.
+        capture: folder of the capture, absolute.
+        head: head file that was given, absolute, or empty.
         fingerprint: digest of the capture's cameras, images and masks, and of the head.
         config: resolved settings.
         prior: digest of the strand generator's weights, which no checkpoint holds.
+        folder: the run's own folder, absolute: it says how capture and head lay to it. Runs of before have none.
     """
 
     capture: str
@@ -95,6 +97,7 @@ class RunDescription:
     fingerprint: str
     config: FitConfig
     prior: str
+    folder: str = ""
 
 
 def write_description(folder: RunFolder, description: RunDescription) -> None:
@@ -122,7 +125,20 @@ def read_description(folder: RunFolder) -> RunDescription:
     config = config_from_json(FitConfig, written.member("config"))
     names = ("capture", "head", "fingerprint", "prior")
     capture, head, fingerprint, prior = (written.member(name).text(LONGEST_PATH) for name in names)
-    return RunDescription(capture, head, fingerprint, config, prior)
+    place = written.optional("folder")
+    return RunDescription(capture, head, fingerprint, config, prior, "" if place is None else place.text(LONGEST_PATH))
+
+
+def found_again(folder: RunFolder, described: RunDescription, path: str) -> Path:
+    """A path of a run's description, as it is now: the same, or else as far from the run as it was.
+
+    Args:
+        folder: the run, where it is now.
+        described: what `run.json` says.
+        path: its `capture` or `head`.
+    """
+    moved = folder.path / os.path.relpath(path, described.folder) if described.folder else Path(path)
+    return moved if moved.exists() and not Path(path).exists() else Path(path)
 
 
 def check_same(folder: RunFolder, wanted: RunDescription) -> None:

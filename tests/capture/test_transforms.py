@@ -51,6 +51,14 @@ def test_what_other_programs_write(tmp_path):
     assert view.lens.intrinsics[0] == pytest.approx(15 / math.tan(0.6911112 / 2))
 
 
+def test_views_of_the_same_file_name_are_told_apart_by_their_folders(tmp_path):
+    frames = [DOCUMENT["frames"][0] | {"file_path": name} for name in ("left/a.png", "right/a.png", "images/b.png")]
+    views = read_transforms(written(tmp_path, DOCUMENT | {"frames": frames}))
+    assert [view.camera.name for view in views] == ["left/a.png", "right/a.png", "b.png"]
+    views = read_transforms(written(tmp_path, DOCUMENT | {"frames": frames[1:]}))
+    assert [view.camera.name for view in views] == ["a.png", "b.png"]
+
+
 WRONG = {
     "nested": ("[" * 100_000, "nested too deeply"),
     "list": ([], "expected an object"),

@@ -1,10 +1,12 @@
 """`fit` and `evaluate` through the command line, on a tiny capture."""
 
+import io
 import json
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 from dataclasses import replace
 
 import cv2
@@ -118,7 +120,7 @@ def test_the_settings_of_stereo_are_part_of_the_run(tiny, capsys):
     (tiny / "run" / "run.json").write_text(json.dumps(stored | {"format": 1}))
     capsys.readouterr()
     assert main(fit_arguments(tiny, "--resume")) == 2
-    assert_one_sentence(capsys, "expected a run of format 2, found 1")
+    assert_one_sentence(capsys, "format: expected 2, found 1; use the version of neural-strands that wrote it")
 
 
 def other_prior(tiny):
@@ -160,6 +162,68 @@ def test_segments_that_are_absent_empty_or_of_another_head_leave_no_run(tiny, ca
     assert main(fit_arguments(tiny)) == 2
     assert_one_sentence(capsys, "segments.npz")
     assert not (tiny / "run").exists()
+
+
+def test_damaged_segments_leave_no_run(tiny, capsys):
+    """NaN in one point of given segments, and files that numpy's reader stumbles over in its own ways."""
+    path = tiny / "segments.npz"
+    whole = load_segments(path)
+    points = whole.points.clone()
+    points[7, 1] = torch.nan
+    content = path.read_bytes()
+    save_segments(path, replace(whole, points=points))
+    damaged = {"finite numbers in points": path.read_bytes(), "broken": content[:-100], "line segments": b""}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        for name in ("points", "directions", "confidence", "segment_id"):
+            archive.writestr(f"{name}.npy", zipfile.ZipFile(io.BytesIO(content)).read(f"{name}.npy"))
+    damaged["stored or deflated"] = path.read_bytes()
+    for words, damage in damaged.items():
+        path.write_bytes(damage)
+        assert main(fit_arguments(tiny)) == 2
+        assert_one_sentence(capsys, words)
+        assert not (tiny / "run").exists()
+    path.write_bytes(content)
+    assert main(fit_arguments(tiny)) == 0
+
+
+def test_evaluate_finds_the_capture_that_was_fitted_and_no_other(tiny, capsys, monkeypatch):
+    (tiny / "here").mkdir()
+    (tiny / "ball").rename(tiny / "here" / "ball")
+    monkeypatch.chdir(tiny / "here")
+    assert main(["fit", "ball", "run", "--segments", str(tiny / "segments.npz")]) == 0
+    monkeypatch.chdir(tiny)
+    assert main(["evaluate", "here/run", "--json"]) == 0
+    # Moved together, they find each other; the run alone does not find the capture.
+    (tiny / "here").rename(tiny / "there")
+    assert main(["evaluate", "there/run", "--json"]) == 0
+    capsys.readouterr()
+    (tiny / "there" / "run").rename(tiny / "run")
+    assert main(["evaluate", "run"]) == 2
+    assert_one_sentence(capsys, "move run and capture together")
+    (tiny / "run").rename(tiny / "there" / "run")
+    path = tiny / "there" / "ball" / "transforms.json"
+    kept = path.read_text()
+    plain = json.loads(kept)
+    path.write_text(json.dumps(plain | {"frames": plain["frames"][:3]}))
+    assert main(["evaluate", "there/run"]) == 2
+    assert_one_sentence(capsys, "has changed since it was fitted")
+    path.write_text(kept)
+    described = tiny / "there" / "run" / "run.json"
+    kept = described.read_text()
+    stored = json.loads(kept)
+    for changes, words in (
+        ({"format": 99}, "use the version of neural-strands that wrote it"),
+        ({"format": None}, "a value under 'format'"),
+        ({"capture": 5}, "capture: expected a text"),
+        ({"config": stored["config"] | {"steps": "many"}}, "config.steps: expected a whole number"),
+        ({"config": stored["config"] | {"surprise": 1}}, "config.surprise: expected a setting"),
+    ):
+        described.write_text(json.dumps(stored | changes))
+        assert main(["evaluate", "there/run"]) == 2
+        assert_one_sentence(capsys, words)
+    described.write_text("[" * 100_000)
+    assert main(["evaluate", "there/run"]) == 2
+    assert_one_sentence(capsys, "nested too deeply")
 
 
 def assert_one_sentence(capsys, words):

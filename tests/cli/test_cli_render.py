@@ -9,6 +9,7 @@ import torch
 from full_disk import smallest_files
 
 from neural_strands.cli.main import main
+from neural_strands.cli.render import picture_name
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.compositing import SurroundConfig
@@ -53,6 +54,28 @@ def test_given_cameras_give_images_of_their_names_and_sizes(saved, tmp_path, cap
     assert [path.name for path in out.iterdir()] == ["left.png"]
     picture = cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (20, 31, 3)
+
+
+def test_frames_of_the_same_name_in_six_folders_give_six_pictures(saved, tmp_path, capsys):
+    path = transforms(tmp_path)
+    document = json.loads(path.read_text())
+    names = [f"cam{k}/000.png" for k in range(6)]
+    document["frames"] = [document["frames"][0] | {"file_path": name} for name in names]
+    path.write_text(json.dumps(document))
+    out = tmp_path / "views"
+    assert main(["render", str(saved), "--camera", str(path), "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 6
+    assert sorted(picture.relative_to(out).as_posix() for picture in out.rglob("*.png")) == names
+
+
+def test_pictures_have_names_of_their_own_inside_the_folder():
+    taken: set[str] = set()
+    cameras = ["a.jpg", "a.png", "../../a.png", "/etc/b", "left/a.png", "left\\a.png", "..", "", "a.b.png", "a_2"]
+    names = [picture_name(camera, taken) for camera in cameras]
+    assert names == [
+        *("a.png", "a_2.png", "a_3.png", "etc/b.png", "left/a.png", "left/a_2.png"),
+        *("view.png", "view_2.png", "a.b.png", "a_2_2.png"),
+    ]
 
 
 def test_alpha_is_that_of_the_hair(saved, tmp_path):
