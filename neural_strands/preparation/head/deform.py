@@ -109,7 +109,7 @@ def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sp
     gap = closest.distance.double().numpy()
     weight = 1.0 / (1.0 + (gap / (3 * SKIN)) ** 2) / SKIN
     at = _rows(closest, face, count)
-    rows = sparse.hstack([sparse.diags(weight * normal[:, axis]) @ at for axis in range(3)]).tocsr()
+    rows = sparse.csr_matrix(sparse.hstack([sparse.diags(weight * normal[:, axis]) @ at for axis in range(3)]))
     values = weight * (normal * (evidence.points[kept.numpy()] - at @ start)).sum(axis=1)
     return rows, values
 
@@ -127,6 +127,7 @@ def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple
         away, labels = cv2.distanceTransformWithLabels(
             (~outline).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
         )
+        labels = labels.astype(np.int64)
         nearest = np.zeros((labels.max() + 1, 2))
         rows_in, columns_in = np.nonzero(outline)
         nearest[labels[rows_in, columns_in]] = np.stack([columns_in + 0.5, rows_in + 0.5], axis=1)
@@ -140,7 +141,7 @@ def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple
         worst[worse] = metres[worse]
     asked = np.flatnonzero(worst > 0)
     pick = sparse.csr_matrix((np.full(len(asked), 1.0 / OUTSIDE), (np.arange(len(asked)), asked)), (len(asked), count))
-    rows = sparse.block_diag([pick] * 3, format="csr")
+    rows = sparse.csr_matrix(sparse.block_diag([pick] * 3))
     return rows, ((goal - start)[asked] / OUTSIDE).T.ravel()
 
 

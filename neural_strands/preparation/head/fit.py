@@ -70,13 +70,12 @@ class FittedHead:
 
     def save(self, folder: Path) -> None:
         """Write `head.npz` and `figures.json`."""
-        np.savez(
-            folder / FILE,
-            scale=self.frame.scale,
-            rotation=self.frame.rotation.numpy(),
-            translation=self.frame.translation.numpy(),
-            **head_arrays(self.head, self.landmarks),
-        )
+        frame = {
+            "scale": np.asarray(self.frame.scale),
+            "rotation": self.frame.rotation.numpy(),
+            "translation": self.frame.translation.numpy(),
+        }
+        np.savez(folder / FILE, allow_pickle=False, **frame, **head_arrays(self.head, self.landmarks))
         (folder / FIGURES).write_text(json.dumps(self.figures, indent=1), encoding="utf-8")
 
     @classmethod

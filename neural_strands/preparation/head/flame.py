@@ -53,8 +53,11 @@ class _ArrayUnpickler(pickle.Unpickler):
     """Builds arrays, numbers, texts and containers, and nothing else."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if module in ARRAY_MODULES and name in ("_reconstruct", "scalar"):
-            return getattr(np._core.multiarray, name)
+        # numpy's own pickles name the two functions that build them; where they live differs between its versions.
+        if module in ARRAY_MODULES and name == "_reconstruct":
+            return np.zeros(0).__reduce__()[0]
+        if module in ARRAY_MODULES and name == "scalar":
+            return np.float64(0).__reduce__()[0]
         if module == "numpy" and name in ("ndarray", "dtype"):
             return getattr(np, name)
         if (module, name) == ("_codecs", "encode"):

@@ -70,7 +70,8 @@ class Template:
 
     def save(self, folder: Path) -> None:
         """Write `template.npz`."""
-        np.savez(folder / FILE, spread=self.spread.numpy(), **head_arrays(self.head, self.landmarks))
+        arrays = {"spread": self.spread.numpy(), **head_arrays(self.head, self.landmarks)}
+        np.savez(folder / FILE, allow_pickle=False, **arrays)
 
     @classmethod
     def load(cls, folder: Path) -> "Template":
