@@ -96,9 +96,9 @@ def test_views_are_read_when_asked_for_and_each_file_is_decoded_once(tmp_path, m
     frames = [frame("images/a.png"), frame("images/b.png")]
     decoded = []
 
-    def counted(path):
+    def counted(path, size):
         decoded.append(path.relative_to(tmp_path / "c").as_posix())
-        return read_pixels(path)
+        return read_pixels(path, size)
 
     monkeypatch.setattr(capture_module, "read_pixels", counted)
     capture = Capture.load(write_capture(tmp_path / "c", frames, images))
