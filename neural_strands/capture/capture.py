@@ -1,4 +1,4 @@
-"""A capture: calibrated photographs of one head, with what is known beside them.
+"""A capture: calibrated photographs of one head, with masks, head and ground truth if known.
 
 A folder holds `transforms.json` or a COLMAP sparse model, the images, and optionally hair masks (`masks/`), person
 masks (`person_masks/`) and `ground_truth.npz`. The head in it is `capture.head`'s.
@@ -34,10 +34,10 @@ StoredPart = Literal["image", "alpha", "hair", "person"]
 
 @dataclass(frozen=True)
 class Capture:
-    """Photographs with their cameras; images are decoded when asked for.
+    """Photographs with their cameras; images are decoded on request.
 
     Attributes:
-        folder: where the capture lies.
+        folder: the folder of the capture.
         files: of each view, in the order of the calibration.
         cache: decoded images, shared by every subset of this capture.
     """
@@ -59,7 +59,9 @@ class Capture:
         """
         folder = Path(folder)
         if not folder.is_dir():
-            raise InputError(f"{folder}: expected a capture folder, came {'a file' if folder.exists() else 'nothing'}.")
+            raise InputError(
+                f"{folder}: expected a capture folder, found {'a file' if folder.exists() else 'nothing'}."
+            )
         if (folder / "transforms.json").is_file():
             files = read_transforms(folder / "transforms.json")
         elif (model := find_sparse_model(folder)) is not None:

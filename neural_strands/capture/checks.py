@@ -1,4 +1,4 @@
-"""Everything that can be said about a capture before hours are spent on it."""
+"""All checks of a capture before a long run."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from neural_strands.scalp.head_file import SCALP_NAME, read_head_file
 
 
 def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
-    """Look at every part of a capture folder, in the order in which a user would mend it.
+    """Check every part of a capture folder, in the order in which a user would fix it.
 
     Args:
         folder: the capture.
         head_file: head mesh that takes the place of the capture's own, if any.
 
     Raises:
-        InputError: the calibration itself cannot be read, so that nothing else can be said.
+        InputError: the calibration itself cannot be read, so that nothing else can be checked.
     """
     capture = Capture.load(folder)
     head, head_finding = _head(capture, head_file)

@@ -68,7 +68,7 @@ def read_cameras_text(path: Path) -> dict[int, Lens]:
 
 
 def read_images_text(path: Path) -> list[ColmapImage]:
-    """Read `images.txt`: two lines an image, pose and name, then its 2D points (which are skipped)."""
+    """Read `images.txt`: two lines per image, pose and name, then its 2D points (which are skipped)."""
     images = []
     lines = [(number, line) for number, line in _lines(path)]
     while lines and not lines[-1][1].strip():
@@ -108,7 +108,7 @@ def read_images_binary(path: Path) -> list[ColmapImage]:
 
 
 class _Reader:
-    """Bounds-checked walk over a small binary file; every complaint names the byte."""
+    """Bounds-checked reader of a small binary file; every error names the byte."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -130,7 +130,7 @@ class _Reader:
         self.offset += size
 
     def count(self, smallest: int) -> int:
-        """A count of records of at least `smallest` bytes each, refused when the file cannot hold them."""
+        """A count of records of at least `smallest` bytes each, rejected if the file cannot hold them."""
         start = self.offset
         (number,) = self.unpack("<Q")
         if number * smallest > len(self.data) - self.offset:

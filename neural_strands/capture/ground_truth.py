@@ -25,8 +25,10 @@ def read_ground_truth(path: Path) -> Strands:
             f"{path}: expected an npz with 'strands' and 'unit', but it does not read so ({error})."
         ) from error
     if stored.ndim != 3 or stored.shape[2] != 3 or stored.shape[1] < 2 or stored.dtype.kind not in "if":
-        raise InputError(f"{path}: expected 'strands' of shape (strand, point, 3), came {stored.shape} {stored.dtype}.")
+        raise InputError(
+            f"{path}: expected 'strands' of shape (strand, point, 3), found {stored.shape} {stored.dtype}."
+        )
     points = torch.from_numpy((stored * np.float64(unit)).astype(np.float32))
     if not torch.isfinite(points).all():
-        raise InputError(f"{path}: expected finite strands, came numbers that are not finite.")
+        raise InputError(f"{path}: expected finite strands, found numbers that are not finite.")
     return Strands(points)

@@ -1,16 +1,16 @@
-"""Which views of a capture are kept for evaluation and seen by nothing else."""
+"""The views of a capture that are held out for evaluation and seen by nothing else."""
 
 HOLD_OUT_EVERY = 5
 """One view in so many is held out unless said otherwise."""
 
 
 def held_out_views(count: int, every: int) -> list[int]:
-    """Indices of the views kept for evaluation: the last of every `every` of them; none for 0."""
+    """Indices of the held-out views: the last of every `every` views; none for 0."""
     return [index for index in range(count) if _held_out(index, every)]
 
 
 def training_views(count: int, every: int) -> list[int]:
-    """Indices of the views that a reconstruction may see: all but those held out."""
+    """Indices of the views that a reconstruction may use: all but those held out."""
     return [index for index in range(count) if not _held_out(index, every)]
 
 

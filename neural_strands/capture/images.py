@@ -1,4 +1,4 @@
-"""Decoding of photographs and masks, and a cache that keeps what was decoded within a budget of bytes."""
+"""Decoding of photographs and masks, and a cache of decoded images within a budget of bytes."""
 
 import threading
 from collections import OrderedDict
@@ -17,7 +17,7 @@ from neural_strands.foundation.input_files import read_bytes
 
 
 class ImageCache:
-    """Least recently used decoded images, never more than `budget` bytes of them in all.
+    """The most recently used decoded images, at most `budget` bytes in total.
 
     An image larger than the budget is decoded at each request and not kept.
     """
@@ -73,7 +73,7 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
             f"{path}: expected a whole image, found {encoded.size} bytes that do not decode as one; export it again."
         )
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: expected 8 or 16 bits a sample, found {pixels.dtype}; save it as PNG or JPEG.")
+        raise InputError(f"{path}: expected 8 or 16 bits per sample, found {pixels.dtype}; save it as PNG or JPEG.")
     if pixels.ndim == 2:
         return pixels[:, :, None]
     order = {2: [0, 1], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[pixels.shape[2]]
@@ -81,7 +81,7 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
 
 
 def colour_of(pixels: np.ndarray) -> np.ndarray:
-    """Three colour channels of stored pixels: grey is repeated, alpha lays the colour over black."""
+    """Three colour channels of stored pixels: grey is repeated, and colour with alpha is composited over black."""
     channels = pixels.shape[2]
     colour = pixels[:, :, : 3 if channels > 2 else 1]
     if channels in (2, 4):
@@ -109,7 +109,7 @@ def to_unit(image: np.ndarray) -> np.ndarray:
 
 
 def unit_tensor(image: np.ndarray, device: torch.device | str) -> Float[Tensor, "*size"]:
-    """What `to_unit` gives, on a device; samples of 8 bits travel as they are stored, in a quarter of the bytes."""
+    """`to_unit` on a device; samples of 8 bits are transferred as stored, in a quarter of the bytes."""
     if torch.device(device).type == "cpu" or image.dtype != np.uint8:
         return torch.from_numpy(to_unit(image)).to(device)
     return torch.tensor(image, device=device).float() / 255.0

@@ -22,8 +22,8 @@ LARGEST_SIDE = 65_535
 def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
     """Read every frame of a `transforms.json`, in the order of the file.
 
-    Intrinsics stand at the top or in a frame (which wins). `mask_path` of a frame is its hair mask and
-    `person_mask_path` its person mask; where a frame names none, `masks/` and `person_masks/` are looked into.
+    Intrinsics are given at the top level or in a frame, which takes precedence. `mask_path` of a frame is its hair mask
+    and `person_mask_path` its person mask; without them, `masks/` and `person_masks/` are searched.
 
     Raises:
         InputError: the file is not JSON, or a key is missing or has a wrong value.

@@ -1,4 +1,4 @@
-"""`neural-strands check`: what is in a capture folder and what is wrong with it."""
+"""`neural-strands check`: the contents of a capture folder and its problems."""
 
 import dataclasses
 import json
@@ -19,10 +19,10 @@ MARKS = {"good": "ok", "note": "-", "warning": "WARNING", "error": "ERROR"}
 
 @dataclass(frozen=True)
 class Check:
-    """Say in one table what is in a capture folder and what is wrong, before hours are spent on it.
+    """List in one table what a capture folder contains and what is wrong with it, before a long run.
 
-    Looks at the calibration, every image and mask, the head, the scale, where the cameras look, the range of
-    viewpoints, blur and exposure; says what to do about each. Ends with status 2 if something must be mended first.
+    Checks the calibration, every image and mask, the head, the scale, where the cameras look, the range of viewpoints,
+    blur and exposure, and says what to do about each. Exits with status 2 if something must be fixed first.
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
@@ -34,7 +34,7 @@ class Check:
     action and views."""
 
     def run(self) -> None:
-        """Look at everything, print, and complain if there are errors."""
+        """Run all checks, print the findings, and fail if there are errors."""
         from neural_strands.capture.checks import check_capture
         from neural_strands.capture.findings import worst
 
@@ -47,12 +47,12 @@ class Check:
         errors = sum(finding.level == "error" for finding in findings)
         if errors:
             raise InputError(
-                f"{self.folder}: expected a capture without errors, came one with {errors}; see the rows marked ERROR."
+                f"{self.folder}: expected a capture without errors, found one with {errors}; see the rows marked ERROR."
             )
 
 
 def table(findings: "list[Finding]") -> str:
-    """The findings for people: one line each, and under it what to do."""
+    """The findings as text: one line each, followed by what to do."""
     width = max(len(finding.topic) for finding in findings)
     lines = []
     for finding in findings:

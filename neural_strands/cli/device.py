@@ -25,7 +25,7 @@ def pick_device(name: DeviceName) -> "torch.device":
         return torch.device("cpu")
     number, there = int(os.environ.get("LOCAL_RANK", "0")), torch.cuda.device_count()
     if number >= there:
-        raise InputError(f"torchrun: expected at most {there} processes, one a GPU, found number {number + 1}.")
+        raise InputError(f"torchrun: expected at most {there} processes, one per GPU, found number {number + 1}.")
     # NCCL and Warp ask for the current device.
     torch.cuda.set_device(number)
     return torch.device("cuda", number)

@@ -17,7 +17,7 @@ class Fit:
     """Reconstruct the hair of a capture: strands rooted on the scalp, and an appearance that renders them.
 
     OUT/groom.usd opens in Blender as curves (metres, y up), OUT/groom.npz is the same for Python, OUT/model renders
-    with `neural-strands render`. Stop it at any time: what is there is usable, and --resume goes on.
+    with `neural-strands render`. It can be stopped at any time: the results so far are usable, and --resume continues.
     """
 
     capture: Annotated[Path, tyro.conf.Positional]
@@ -29,7 +29,7 @@ class Fit:
     head: Path | None = None
     """Head mesh in the cameras' frame, metres, instead of the capture's own; scalp_faces.json beside it is used."""
     segments: Path | None = None
-    """Line segments of the training views (`neural-strands lmvs`), instead of making them."""
+    """Line segments of the training views (`neural-strands lmvs`), instead of computing them."""
     steps: int | None = None
     """Optimisation steps, instead of the preset's."""
     strands: int | None = None
@@ -37,23 +37,23 @@ class Fit:
     minutes: float | None = None
     """Take as many steps as fit into this many minutes, instead of the preset's; measured at the start."""
     prior: Path | None = None
-    """Weights of a strand prior (`neural-strands train-prior`), instead of those that come with the package."""
+    """Weights of a strand prior (`neural-strands train-prior`), instead of those that ship with the package."""
     resume: bool = False
-    """Go on with the run in OUT."""
+    """Continue the run in OUT."""
     seed: int = 0
     """Seed of everything random."""
     device: DeviceName = "auto"
     """Where to compute."""
 
     def run(self) -> None:
-        """Fit, saying what happens on standard error."""
+        """Fit, reporting progress on standard error."""
         from neural_strands.fitting.config import preset
         from neural_strands.runs.run_fit import FitRequest, run_fit
 
         for name in ("steps", "strands", "minutes"):
             value = getattr(self, name)
             if value is not None and not value > 0:
-                raise InputError(f"--{name}: expected more than 0, came {value:g}.")
+                raise InputError(f"--{name}: expected more than 0, found {value:g}.")
         config = replace(preset(self.preset), seed=self.seed)
         config = replace(config, steps=self.steps or config.steps, strands=self.strands or config.strands)
         request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior)
@@ -62,6 +62,6 @@ class Fit:
 
 
 def say(sentence: str) -> None:
-    """Tell the user what happens now, on standard error."""
+    """Report one sentence on standard error."""
     sys.stderr.write(f"{sentence}\n")
     sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""`neural-strands head`: what scalp a mesh has, and its chart."""
+"""`neural-strands head`: the scalp of a head mesh, and its chart."""
 
 import json
 import sys
@@ -17,14 +17,14 @@ class HeadCheck:
     """Load a head, find or check its scalp, sample roots on it, and draw the chart."""
 
     mesh: Annotated[Path | None, tyro.conf.Positional] = None
-    """Head mesh (.obj, .ply, .stl, .glb), y up, +z out of the face; the built-in mannequin if left out."""
+    """Head mesh (.obj, .ply, .stl, .glb), y up, +z out of the face; the built-in mannequin by default."""
 
     scalp: Path | None = None
     """Scalp: a chart (.json, .json.gz), a list of faces or vertices (.json), or a painted mask. Default:
     scalp_faces.json beside the mesh; where there is none, the scalp is found from the shape."""
 
     scale: float | None = None
-    """Metres in one unit of the mesh; guessed from the head's width if left out."""
+    """Metres in one unit of the mesh; guessed from the head's width by default."""
 
     roots: int = 1000
     """Number of roots to sample and draw."""

@@ -15,15 +15,15 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
 SMALLEST_SIZE = 32
-"""Pixels along the longer side of a photograph that shows more than a few streaks."""
+"""Smallest longer side of a photograph that shows more than a few streaks, pixels."""
 
 
 @dataclass(frozen=True)
 class Lmvs:
     """Reconstruct 3D line segments of the hair, with a growth direction, from a capture.
 
-    Writes OUT/segments.npz, OUT/segments.ply (MeshLab, Blender) and pictures in OUT/report. A stopped run goes on where
-    it stopped when the same command is given again.
+    Writes OUT/segments.npz, OUT/segments.ply (MeshLab, Blender) and pictures in OUT/report. A stopped run continues
+    when the same command is given again.
     """
 
     capture: Annotated[Path, tyro.conf.Positional]
@@ -36,16 +36,16 @@ class Lmvs:
     """Polylines drawn from root to tip that override the growth direction: JSON, a list of {"points": [[x, y, z], ...]}
     in world metres or {"view": NAME, "points": [[x, y], ...]} in pixels of a view."""
     views: tuple[int, ...] | None = None
-    """Only these photographs, counted from 0. Default: all."""
+    """Use only these photographs, counted from 0. Default: all."""
     size: int | None = None
     """Reduce photographs to at most this many pixels along the longer side: half the size takes a quarter of the time
-    and gives coarser segments. Default: as they are."""
+    and gives coarser segments. Default: full size."""
     complete: Literal["auto", "always", "never"] = "auto"
-    """Fill the gaps between what several views confirm with lines that one view alone sees, thinned and of confidence
-    0.1: far more of the hair, fewer of the points right. auto: where what is confirmed comes within 3 mm of less
-    than a third of the room that masks and head leave for hair, which is said. Needs hair masks."""
+    """Fill the gaps between lines that several views confirm with lines that only one view sees, thinned and with
+    confidence 0.1: covers far more of the hair, with fewer correct points. auto: fill if confirmed lines come within 3
+    mm of less than a third of the room that masks and head leave for hair, and say so. Needs hair masks."""
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    """Against gravity, in the capture's axes: hair hangs where nothing else says which way it grows."""
+    """Direction against gravity, in the capture's axes: hair hangs where nothing else determines its growth."""
     seed: int = 0
     """Of every random choice."""
     device: DeviceName = "auto"
@@ -64,14 +64,14 @@ class Lmvs:
         from neural_strands.lmvs.strokes import lift_stroke, read_strokes
 
         if not 0 < math.hypot(*self.up) < math.inf:
-            raise InputError(f"--up: expected three finite numbers that are not all zero, came {self.up}.")
+            raise InputError(f"--up: expected three finite numbers that are not all zero, found {self.up}.")
         if self.size is not None and self.size < SMALLEST_SIZE:
-            raise InputError(f"--size: expected {SMALLEST_SIZE} pixels or more, came {self.size}.")
+            raise InputError(f"--size: expected {SMALLEST_SIZE} pixels or more, found {self.size}.")
         begin = time.perf_counter()
         capture = Capture.load(self.capture)
         if self.views is not None:
             capture = capture.subset(self.views)
-        # Read before the hours of stereo, lifted after them.
+        # Read before the long stereo run, lifted to 3D after it.
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         device = pick_device(self.device)
         views = capture.views_on(device)

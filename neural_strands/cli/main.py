@@ -1,4 +1,4 @@
-"""Entry point: picks the verb, runs it, and turns bad input into one sentence.
+"""Entry point: picks the command, runs it, and reports bad input in one sentence.
 
 Little is imported here, and nothing slow: whatever a verb needs is loaded once an interruption is one sentence too.
 """
@@ -54,7 +54,7 @@ COMMANDS = {
 
 @runtime_checkable
 class Command(Protocol):
-    """A parsed verb."""
+    """A parsed command."""
 
     def run(self) -> None:
         """Do the work; raises InputError for bad input."""

@@ -30,16 +30,17 @@ class PriorReport:
     """
 
     grooms: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Grooms, captures' folders or their ground_truth.npz; strands not finite or shorter than 3 mm are left out."""
+    """Grooms, captures' folders or their ground_truth.npz; strands that are not finite or shorter than 3 mm are left
+    out."""
     head: tuple[Path, ...] = ()
     """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Without any, a capture's own,
     or the mannequin fitted to the roots."""
     weights: Path | None = None
     """Weights of the prior; those shipped with the package by default."""
     picture: Path | None = None
-    """Where to write a picture of the worst, median and best strands (.png)."""
+    """File for a picture of the worst, median and best strands (.png)."""
     optimise_steps: int = 0
-    """Steps by which latents are also optimised; 0 leaves that out."""
+    """Number of steps for which latents are also optimised; 0 for none."""
     optimise_strands: int = 2000
     """Strands, spread over the groom, whose latents are optimised."""
     curves: int = 20000
@@ -109,13 +110,13 @@ class PriorReport:
 
 
 def _names(paths: tuple[Path, ...]) -> list[str]:
-    """Names of files or folders; whole paths where names alone are not told apart."""
+    """Names of files or folders; full paths where the names are ambiguous."""
     names = [path.resolve().name for path in paths]
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
 def _panels(prior: "StrandPrior", strands: "Tensor") -> "list[Panel]":
-    """The two worst, three about the median and the two best strands, true and decoded."""
+    """The two worst, three median and the two best strands, true and decoded."""
     from neural_strands.pictures.plots import Panel
     from neural_strands.prior.errors import strand_errors
 

@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from neural_strands.prior.vae import StrandPrior
 
 REACH = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-"""Places along a direction that are drawn, in standard deviations."""
+"""Positions along a direction that are drawn, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class PriorTraverse:
-    """Draw strands along the latent's directions, ordered by effect, and say which control length, curliness and bend.
+    """Draw strands along the latent's directions, ordered by effect, and find those of length, curliness and bend.
 
-    Writes traversal.png (one row a direction: first those that correlate best with length, curliness and bend, then the
-    latents that move strands most), samples.png (strands drawn from N(0, I)) and interpolation.png (between two
-    synthetic curves a row) into OUT, and traversal.json with all effects and correlations.
+    Writes traversal.png (one row per direction: first those that correlate best with length, curliness and bend, then
+    the latents that move strands most), samples.png (strands drawn from N(0, I)) and interpolation.png (between two
+    synthetic curves per row) into OUT, and traversal.json with all effects and correlations.
     """
 
     out: Annotated[Path, tyro.conf.Positional]

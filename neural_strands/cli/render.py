@@ -30,7 +30,7 @@ VIDEO_SUFFIXES = (".mp4",)
 
 @dataclass(frozen=True)
 class Render:
-    """Render a fitted model from given cameras, or all round.
+    """Render a fitted model from given cameras or on a turntable.
 
     The strands are decoded once. Images are PNG, named and in sub-folders as the cameras are; a video is MPEG-4.
     """
@@ -42,15 +42,15 @@ class Render:
     camera: Path | None = None
     """A transforms.json with the cameras (nerfstudio's format, OpenGL axes)."""
     turntable: int | None = None
-    """Instead: this many cameras on a circle about the hair."""
+    """Instead: this many cameras on a circle around the hair."""
     size: tuple[int, int] | None = None
     """Width and height in pixels. Default: the cameras' own, or 512 512 on the turntable."""
     alpha: bool = False
     """Hair alone, with its opacity in the alpha channel, instead of hair over body over background."""
     points: int | None = None
-    """Points a strand. Default: the model's own."""
+    """Points per strand. Default: those of the model."""
     fps: float = 30.0
-    """Frames a second of a video."""
+    """Frames per second of a video."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
@@ -83,13 +83,13 @@ class Render:
     def _check(self) -> None:
         """Refuse arguments that contradict each other, before anything is loaded."""
         if (self.camera is None) == (self.turntable is None):
-            raise InputError("render: expected either --camera or --turntable, came both or neither; give one.")
+            raise InputError("render: expected either --camera or --turntable, found both or neither; give one.")
         if self.turntable is not None and self.turntable < 1:
-            raise InputError(f"--turntable: expected at least one camera, came {self.turntable}.")
+            raise InputError(f"--turntable: expected at least one camera, found {self.turntable}.")
         if self.size is not None and not all(1 <= side <= 16384 for side in self.size):
-            raise InputError(f"--size: expected width and height from 1 to 16384 pixels, came {self.size}.")
+            raise InputError(f"--size: expected width and height from 1 to 16384 pixels, found {self.size}.")
         if self.points is not None and self.points < 2:
-            raise InputError(f"--points: expected at least 2 points a strand, came {self.points}.")
+            raise InputError(f"--points: expected at least 2 points per strand, found {self.points}.")
         if self.alpha and self.out.suffix.lower() in VIDEO_SUFFIXES:
             raise InputError(
                 f"{self.out}: a video has no alpha channel; name a folder for --out, or leave out --alpha."

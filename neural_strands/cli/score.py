@@ -51,7 +51,7 @@ class Score:
 
         if not 0 < self.step <= COARSEST_STEP:
             raise InputError(
-                f"--step: expected more than 0 and at most {COARSEST_STEP} millimetres, came {self.step:g}."
+                f"--step: expected more than 0 and at most {COARSEST_STEP} millimetres, found {self.step:g}."
             )
         device = pick_device(self.device)
         head = None if self.head is None else read_metric_head(self.head)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class Synthesize:
     """Render a synthetic capture: hair on a head, seen by a dome of cameras, with masks and ground truth.
 
-    A stopped run goes on where it stopped when the same command is given again.
+    A stopped run continues when the same command is given again.
     """
 
     out: Annotated[Path, tyro.conf.Positional]
@@ -32,7 +32,7 @@ class Synthesize:
     strands: int = 10_000
     """Strands of the procedural groom (100 to 1,000,000)."""
     groom: Path | None = None
-    """A groom of your own instead (any format of `convert`, metres, y up); needs --head."""
+    """Your own groom instead (any format of `convert`, metres, y up); needs --head."""
     head: Path | None = None
     """The head mesh (y up, +z out of the face; its unit is guessed). Default: the built-in mannequin."""
     scalp: Path | None = None
@@ -49,16 +49,16 @@ class Synthesize:
     elevation_max: float = 75.0
     """Highest camera (degrees above the horizontal)."""
     samples: int = 16
-    """Light paths a pixel: noise falls with the root of it."""
+    """Light paths per pixel; noise falls with the square root of their number."""
     seed: int = 0
     """Of every random choice."""
     overwrite: bool = False
-    """Throw away what OUT holds of a capture with other settings."""
+    """Replace a capture with other settings in OUT."""
     json: bool = False
     """Print one JSON object instead of a sentence."""
 
     def run(self) -> None:
-        """Grow or read the groom, then render what is still missing."""
+        """Grow or read the groom, then render the missing views."""
         from neural_strands.synthesis.backend import load_mitsuba
         from neural_strands.synthesis.dome import DomeConfig
         from neural_strands.synthesis.path_tracer import TracingConfig
@@ -99,7 +99,7 @@ class Synthesize:
         return mannequin()
 
     def _strands(self, head: "Head") -> tuple["Strands", dict[str, str | int]]:
-        """The hair, and how it came to be."""
+        """The hair, and where it comes from."""
         from neural_strands.grooms.io import read_groom
         from neural_strands.synthesis.groom import make_groom
         from neural_strands.synthesis.styles import MELANIN, STYLES

@@ -18,19 +18,19 @@ from neural_strands.prior_training.config import TrainPriorConfig
 class TrainPrior:
     """Train the strand prior on synthetic curves, and on the strands of your own grooms if you give any.
 
-    Writes OUT (safetensors), and beside it a checkpoint and a log (.checkpoint.pt, .log.jsonl). Interrupt at any
-    moment: --resume goes on from the last checkpoint with the same numbers as a run that was never stopped.
+    Writes OUT (safetensors), and beside it a checkpoint and a log (.checkpoint.pt, .log.jsonl). It can be interrupted
+    at any time: --resume continues from the last checkpoint with the same numbers as a run that was never stopped.
     """
 
     out: Annotated[Path, tyro.conf.Positional]
     """Where to write the weights (.safetensors)."""
     preset: Literal["default", "paper"] = "default"
-    """Ours, or the paper's modulator, encoder, losses and weights from a random start; what --config sets to something
-    else than our default is kept."""
+    """Ours, or the paper's modulator, encoder, losses and weights from a random start; options of --config that differ
+    from our default are kept."""
     minutes: float | None = None
-    """Stop after this many minutes, finished or not; what is there is kept."""
+    """Stop after this many minutes, finished or not; the results so far are kept."""
     resume: bool = False
-    """Go on from the checkpoint beside OUT."""
+    """Continue from the checkpoint beside OUT."""
     groom: tuple[Path, ...] = ()
     """Grooms, or captures with true strands, whose strands are added to the curves."""
     head: tuple[Path, ...] = ()
@@ -46,7 +46,7 @@ class TrainPrior:
     """Sizes, losses and steps."""
 
     def run(self) -> None:
-        """Read the grooms, train, say where the weights are."""
+        """Read the grooms, train, and report where the weights are."""
         import torch
 
         from neural_strands.prior_training.config import paper_preset

@@ -12,15 +12,15 @@ from neural_strands.evaluation.lpips_weights import HEADS, TRUNKS, find_file, lo
 from neural_strands.foundation.errors import InputError
 
 SHIFT = (-0.030, -0.088, -0.188)
-"""Mean colour that the trunks were trained with, for images in [-1, 1]."""
+"""Mean colour of the trunks' training images, for images in [-1, 1]."""
 SCALE = (0.458, 0.448, 0.450)
-"""Standard deviation of colour that the trunks were trained with, for images in [-1, 1]."""
+"""Standard deviation of colour of the trunks' training images, for images in [-1, 1]."""
 TINY = 1e-10
-"""Added to the length of a feature vector before it is divided by it."""
+"""Added to the length of a feature vector before the division by it."""
 TRAINING_NETWORK: Network = "squeeze"
 """The network that fits are trained with."""
 SMALLEST_SIDE = 32
-"""Pixels; of smaller images the deepest features would be of the padding."""
+"""Pixels; in smaller images the deepest features would consist of padding."""
 
 
 class Lpips(nn.Module):
@@ -50,15 +50,16 @@ class Lpips(nn.Module):
     ) -> Float[Tensor, "*batch"]:
         """Distance of images in [0, 1] (sRGB): 0 for equal ones.
 
-        With a mask, each tap's map of distances is averaged with the mask as weight, the mask brought to the map's
-        resolution by averaging over each of its cells; an empty mask gives NaN. Features near the mask's border see
-        a little of what lies outside it.
+        With a mask, each tap's map of distances is averaged with the mask as weight, with the mask averaged to the
+        resolution of the map; an empty mask gives NaN. Features near the mask's border see some of the surroundings.
 
         Raises:
             ValueError: the image is smaller than 32 pixels.
         """
         if min(image.shape[-3:-1]) < SMALLEST_SIDE:
-            raise ValueError(f"LPIPS needs images of at least {SMALLEST_SIDE} pixels a side, came {tuple(image.shape)}")
+            raise ValueError(
+                f"LPIPS needs images of at least {SMALLEST_SIDE} pixels per side, found {tuple(image.shape)}"
+            )
         batch = image.shape[:-3]
         size = image.shape[-3:-1]
         stacked = torch.stack([image, reference]).movedim(-1, -3).reshape(-1, 3, *size)
@@ -87,7 +88,7 @@ class Lpips(nn.Module):
         return found
 
     def train(self, mode: bool = True) -> "Lpips":
-        """Stay in evaluation mode: the metric never learns."""
+        """Stay in evaluation mode; the metric is never trained."""
         del mode
         return super().train(False)
 
@@ -102,7 +103,7 @@ def training_note(network: Network) -> str:
 def find_lpips(
     network: Network = "squeeze", device: torch.device | str = "cpu", fetch: bool = True
 ) -> tuple[Lpips | None, str]:
-    """The metric, or None and one sentence that says why there is none.
+    """The metric, or None and a sentence that says why.
 
     Weights come from the folder named by NEURAL_STRANDS_WEIGHTS, from the user's cache, or (with `fetch`) once from
     their official addresses into the cache.

@@ -59,7 +59,7 @@ def match_renderings(folder: Path, capture: Capture, indices: Sequence[int]) -> 
         if min(view.camera.width, view.camera.height) < SMALLEST_SIDE:
             found = f"{view.camera.width} x {view.camera.height}"
             raise InputError(
-                f"{capture.folder}: expected views of at least {SMALLEST_SIDE} pixels a side, found {stem} of {found}."
+                f"{capture.folder}: expected views of {SMALLEST_SIDE} pixels per side or more, found {stem} of {found}."
             )
     return [files[stem][0] for stem in stems]
 

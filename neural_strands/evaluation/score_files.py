@@ -1,4 +1,4 @@
-"""Reading what is scored: grooms, true strands of captures, line segments."""
+"""Reading files to score: grooms, true strands of captures, line segments."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +28,7 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     they are read as polylines).
 
     Raises:
-        InputError: the file does not read, is not in metres, or holds nothing with a direction.
+        InputError: the file cannot be read, is not in metres, or holds nothing with a direction.
     """
     if path.is_dir():
         path = path / "ground_truth.npz"

@@ -1,4 +1,4 @@
-"""Checkpoints of a fit: one file, whole or absent, from which a fit goes on as if it had never stopped."""
+"""Checkpoints of a fit: one file, complete or absent, from which a fit resumes as if it had never stopped."""
 
 from pathlib import Path
 from typing import Any
@@ -8,11 +8,11 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, tensor_bytes
 from neural_strands.foundation.tensor_files import difference, read_tensors
 
-ADVICE = "delete it to start anew"
+ADVICE = "delete it to start again"
 
 
 def save_checkpoint(state: FitState, path: Path) -> None:
-    """Write what a fit needs to go on.
+    """Write the state from which a fit resumes.
 
     Raises:
         InputError: the disk is full or cannot be written to, or the fit has diverged; an older checkpoint stays.
@@ -25,13 +25,13 @@ def save_checkpoint(state: FitState, path: Path) -> None:
 
 
 def load_checkpoint(state: FitState, path: Path) -> None:
-    """Put a fit where the checkpoint left it; `state` was started with the same config.
+    """Restore a fit from its checkpoint; `state` was started with the same config.
 
     Raises:
-        InputError: the file is not whole, is of another fit, or holds NaN.
+        InputError: the file is damaged, belongs to another fit, or holds NaN.
     """
     device = state.remembered.device
-    # Adam counts its steps on the CPU; on the device every count would be waited for at every step.
+    # Adam counts its steps on the CPU; on the device, every count would be a wait at every step.
     content = read_tensors(path, "this fit's checkpoint, whole", ADVICE)
     fault = difference(content, _content(state) | {"optimiser": state.optimiser}, "checkpoint")
     if fault is None and content["step"] < 0:

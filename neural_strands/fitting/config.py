@@ -1,4 +1,4 @@
-"""What a fit is told: sizes, weights, rates; and the presets that the command line names."""
+"""Settings of a fit: sizes, weights, rates; and the presets of the command line."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -17,12 +17,12 @@ from neural_strands.model.unet import UNetConfig
 Preset = Literal["demo", "fast", "paper"]
 
 KNOTTED = ScalpTextureConfig(appearance_size=256, appearance_knots=4)
-"""As many numbers as the paper's appearance texture, four descriptors along each strand instead of finer texels."""
+"""As many numbers as the paper's appearance texture, but four descriptors along each strand instead of finer texels."""
 
 
 @dataclass(frozen=True)
 class FitWeights:
-    """What each loss weighs; all losses are means (see `losses`).
+    """Weights of the losses, which are all means (see `losses`).
 
     The paper sums: 1 x over points, 1e-3 x over pixels. With P generated points and Q pixels a step, its weights for
     means are 1 for geometry and 1e-3 Q / P for image and alpha.
@@ -33,16 +33,16 @@ class FitWeights:
     render: float = 1.0
     """Squared colour error."""
     perceptual: float = 0.04
-    """LPIPS, within the rendering loss (the paper: 0.1 beside a sum)."""
+    """LPIPS, within the rendering loss (the paper: 0.1, with a sum over pixels)."""
     alpha: float = 0.5
     """Squared opacity error on the trimap."""
     head: float = 1.0
     """Depth of strands inside the head."""
     first: float = 0.05
-    """Distance of strands from where they began, if that is traced: segments are few, and without this strands gather
-    at them and leave the hair between."""
+    """Distance of strands from their start, if they are traced. Segments are sparse, and without this term strands
+    gather at them and leave gaps between."""
     shape_from_image: float = 0.05
-    """Factor of image and alpha gradients that reach the shape texture; 0 leaves the shape to geometry."""
+    """Factor of image and alpha gradients that reach the shape texture; 0 leaves the shape to the geometric loss."""
 
 
 @dataclass(frozen=True)
@@ -54,23 +54,23 @@ class FitRates:
     appearance: float = 5e-3
     """Z_a."""
     network: float = 2e-3
-    """UNet weights."""
+    """Weights of the UNet and the point shader."""
     surround: float = 1e-3
     """Colours of body and background."""
 
 
 @dataclass(frozen=True)
 class FitConfig:
-    """One fit, resolved: saved beside its results and compared at resume."""
+    """The resolved settings of one fit, saved with its results and compared on resume."""
 
     steps: int = 5000
-    """Optimisation steps in all."""
+    """Number of optimisation steps."""
     strands: int = 10_000
-    """Strands in the result: one a root."""
+    """Strands in the result, one per root."""
     strands_per_step: int = 2500
     """Strands whose shape one step updates."""
     step_points: int = 50
-    """Points a strand in the geometric loss (the result has `model.points`)."""
+    """Points per strand in the geometric loss (the result has `model.points`)."""
     targets_per_step: int = 60_000
     """Points of the line segments that one step sees."""
     crop: int = 160
@@ -78,17 +78,18 @@ class FitConfig:
     margin: int = 8
     """Pixels at a region's border that carry no loss."""
     largest_gradient: float = 0.05
-    """Norm to which the gradient of the networks is cut."""
+    """Norm to which the gradient of the networks is clipped."""
     views_per_step: int = 1
-    """Image regions of one step, shared out between processes."""
+    """Image regions per step, divided between processes."""
     shape_every: int = 8
-    """After the geometry-only phase, every how many steps the shape moves; others train appearance alone. 0: never."""
+    """After the geometry-only phase the shape moves once in this many steps; other steps train only the appearance. 0:
+    never."""
     hold_out_every: int = HOLD_OUT_EVERY
-    """Every how manieth view is kept for evaluation and seen by nothing else; 0 keeps none."""
+    """One view in this many is held out for evaluation and seen by nothing else; 0 holds out none."""
     initialise: Literal["flow", "mean"] = "flow"
     """First strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
     clearance: float = 0.001
-    """Metres that strands keep from the head."""
+    """Distance that strands keep from the head, metres."""
     seed: int = 0
     """Seed of everything random."""
     weights: FitWeights = field(default_factory=FitWeights)
@@ -100,7 +101,7 @@ class FitConfig:
             widest_blur=2.0, release_until=0.0, geometry_only=0.1, perceptual_from=0.6, final_rate=0.02
         )
     )
-    """Coarse to fine, root to tip, and when images begin. Traced first strands need little of any of these."""
+    """Coarse to fine, root to tip, and the start of image losses. Traced first strands need little of these."""
     chamfer: ChamferConfig = field(default_factory=ChamferConfig)
     """The geometric loss."""
     trimap: TrimapConfig = field(default_factory=TrimapConfig)
@@ -117,7 +118,7 @@ class FitConfig:
 
 
 def preset(name: Preset) -> FitConfig:
-    """The settings behind a name: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU."""
+    """The settings of a preset: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU."""
     small = HairModelConfig(
         textures=ScalpTextureConfig(shape_size=128, appearance_size=128, appearance_knots=4),
         unet=UNetConfig(widths=(12, 24, 32)),

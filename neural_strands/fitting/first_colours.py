@@ -19,7 +19,7 @@ from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import visible_points
 
 TINY = 1e-6
-"""Weight below which nothing was seen."""
+"""Weight below which a texel or vertex counts as unseen."""
 
 
 def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
@@ -28,7 +28,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
     Args:
         model: changed in place.
         strands: world metres, with `root_uv`.
-        targets: photographs; those with a mask tell hair from the rest.
+        targets: photographs; those with a mask separate hair from the rest.
     """
     _surround(model, strands, targets)
     colour, weight = strand_colours(model, strands, targets)
@@ -89,9 +89,9 @@ def filled(
 
 
 def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of those around it.
+    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of its neighbours.
 
-    The body is looked for between hair too, in its shadow; the background only where there is next to none.
+    The body is also sampled between hair, in its shadow; the background only where there is almost no hair.
     """
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
@@ -116,7 +116,7 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
 
 @torch.no_grad()
 def _hair(model: HairModel, strands: Strands, target: View) -> Float[Tensor, "height width"]:
-    """How much of each pixel is hair: as its mask says or, without one, as strands are drawn."""
+    """Share of each pixel that is hair: from its mask or, without one, from the drawn strands."""
     if target.hair_mask is not None:
         return target.hair_mask
     return drawn_share(model.draw(strands, target.camera).lines, model.config.supersample)

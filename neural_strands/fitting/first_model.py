@@ -25,7 +25,7 @@ def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
 
 
 def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairModel:
-    """A model with its roots placed and, if asked for, first strands traced through the flow of the segments."""
+    """A model with its roots and, if configured, first strands traced through the flow of the segments."""
     device = data.segments.points.device
     random = torch.Generator().manual_seed(config.seed)
     roots = sample_roots(data.head.to("cpu"), config.strands, random)

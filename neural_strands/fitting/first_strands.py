@@ -29,7 +29,7 @@ class InitialConfig:
     flow: FlowConfig = field(default_factory=FlowConfig)
     """The volume of growth directions."""
     conservation: ConservationConfig = field(default_factory=ConservationConfig)
-    """How it is made to fill the hair."""
+    """How the flow is made to fill the hair."""
     hull: HullConfig = field(default_factory=HullConfig)
     """Where hair can be."""
     trace: TraceConfig = field(default_factory=TraceConfig)
@@ -63,8 +63,8 @@ def texture_from_latents(
 ) -> Float[Tensor, "{size} {size} latent"]:
     """A texture whose bilinear samples at the roots are their latents, and whose gaps hold those of the nearest root.
 
-    Texels start as their nearest root's latent; sweeps of simultaneous algebraic reconstruction (SIRT) then take the
-    samples' error back to the four texels of each root.
+    Texels start as the latent of their nearest root; sweeps of simultaneous algebraic reconstruction (SIRT) then
+    distribute the error of the samples to the four texels of each root.
     """
     places = torch.cartesian_prod(*(2 * [torch.arange(size, device=uv.device)])).flip(-1)
     centres = (places + 0.5) / size

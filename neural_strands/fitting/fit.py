@@ -1,7 +1,7 @@
 """The fit: images and segments in, scalp textures and renderer out (paper, "End-to-End Optimization").
 
 Every random choice of a step is drawn from the seed, the step and the place of the view in it, so a fit that is
-resumed, or shared between processes, sees what an unbroken one sees.
+resumed, or split between processes, sees the same as an uninterrupted one.
 """
 
 import time
@@ -29,20 +29,20 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
 
 REFRESH_EVERY = 10
-"""Shape steps after which all remembered strands are decoded anew, not only those of the step."""
+"""Number of shape steps after which all remembered strands are decoded again, not only those of the step."""
 
 
 @dataclass
 class FitState:
-    """Where a fit stands and where it began: all that a checkpoint holds.
+    """Progress and start of a fit: everything that a checkpoint holds.
 
     Attributes:
         model: textures, renderer and roots.
         optimiser: Adam over everything that is learned.
         remembered: all strands as they were last decoded, `step_points` each.
         drawn: all strands as images see them, `model.points` each.
-        first: all strands as they began, `step_points` each.
-        step: how many steps are done.
+        first: all strands as they started, `step_points` each.
+        step: number of steps done.
     """
 
     model: HairModel
@@ -54,7 +54,7 @@ class FitState:
 
 
 def start_fit(model: HairModel, config: FitConfig) -> FitState:
-    """Begin at step 0 from a model whose shape texture holds the first strands."""
+    """Start at step 0 from a model whose shape texture holds the first strands."""
     rates = config.rates
     groups = [
         {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
@@ -84,12 +84,12 @@ def fit(
     """Run the remaining steps of a fit, in place.
 
     Args:
-        state: where to go on from.
+        state: where to continue from.
         data: views, segments and head.
         config: everything else.
-        perceptual: LPIPS or its stand-in; without one the rendering loss is the squared error alone.
+        perceptual: LPIPS or its substitute; without one the rendering loss is the squared error alone.
         workers: the processes that share the views of a step.
-        after_step: told the state and the step's figures, to log and to save.
+        after_step: receives the state and the figures of the step, to log and to save.
     """
     workers = workers or Workers()
     while state.step < config.steps:
@@ -126,14 +126,14 @@ def _take_step(
         judge = perceptual if step >= config.schedule.perceptual_from * config.steps else None
         figures |= _image_part(state, data, config, judge, workers, shape_moves)
     workers.sum_gradients(learned)
-    # One odd crop must not undo the fit.
+    # A single unusual crop must not undo the fit.
     torch.nn.utils.clip_grad_norm_(networks(state.model), config.largest_gradient)
     state.optimiser.step()
     state.step = step + 1
     if shape_moves and (with_images or step % REFRESH_EVERY == 0):
         _decode_all(state, config)
     if after_step is not None:
-        # Only here does the host wait for the device: all of the step is in its seconds.
+        # The host waits for the device only here, so the seconds cover the whole step.
         numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
         after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
 
@@ -204,7 +204,7 @@ def _image_part(
 
 
 def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Tensor, "root point 3"]:
-    """All strands, those that the view sees decoded with a gradient (scaled) into the shape texture."""
+    """All strands; those that the view sees are decoded with a (scaled) gradient into the shape texture."""
     model = state.model
     body = model.body(target.camera)
     lines = replace(model.lines, width=0.0)
@@ -218,7 +218,7 @@ def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Te
 
 
 def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
-    """Before the first image step: how wide strands are, and colours in closed form from the pixels that show them."""
+    """Before the first image step: the width of strands, and colours in closed form from the pixels that show them."""
     if config.shape_every > 0:
         _decode_all(state, config)
     strands = Strands(state.drawn, root_uv=state.model.root_uv)
@@ -229,7 +229,7 @@ def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
 
 @torch.no_grad()
 def _decode_all(state: FitState, config: FitConfig) -> None:
-    """After the shape moved: all strands anew, as images and as the geometric loss see them."""
+    """After the shape has moved: decode all strands again, for images and for the geometric loss."""
     state.drawn = state.model.decode().points
     pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
     state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()

@@ -1,4 +1,4 @@
-"""What a fit looks at: the training views one at a time, the line segments, the head."""
+"""Inputs of a fit: the training views one at a time, the line segments, the head."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ class FitData:
 def gather_fit_data(
     capture: Capture, head: Head, segments: LineSegments, config: FitConfig, device: torch.device
 ) -> FitData:
-    """Gather what the steps look at.
+    """Gather the inputs of the steps.
 
     Args:
         capture: all views; those held out are left out here.
@@ -82,7 +82,7 @@ def gather_fit_data(
 def random_region(
     data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
 ) -> tuple[View, Trimap]:
-    """A random square of a training view about hair, with the alpha that it is held to."""
+    """A random square of a training view around hair, with its reference alpha."""
     whole = data.views[view]
     marked = data.marked(whole)
     place = random_square(marked, (whole.camera.height, whole.camera.width), side, stride, random)
@@ -93,20 +93,20 @@ def random_region(
 
 
 def check_views(capture: Capture) -> None:
-    """Refuse training views that are too few for any fit.
+    """Reject a capture with too few training views for a fit.
 
     Raises:
         InputError: there are fewer than three.
     """
     if len(capture) < FEWEST_VIEWS:
         raise InputError(
-            f"{capture.folder}: expected at least {FEWEST_VIEWS} training views, came {len(capture)}; "
+            f"{capture.folder}: expected at least {FEWEST_VIEWS} training views, found {len(capture)}; "
             "take more photographs around the head."
         )
 
 
 def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
-    """Refuse what no fit can come of.
+    """Reject inputs from which no fit is possible.
 
     Raises:
         InputError: too few views or segments, or segments that are not this head's hair.
@@ -114,7 +114,7 @@ def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
     check_views(capture)
     if len(segments) < FEWEST_SEGMENT_POINTS:
         raise InputError(
-            f"{capture.folder}: expected {FEWEST_SEGMENT_POINTS} segment points or more, came {len(segments)}; "
+            f"{capture.folder}: expected {FEWEST_SEGMENT_POINTS} segment points or more, found {len(segments)}; "
             "check focus, masks and cameras with `neural-strands check`."
         )
     scalp = head.mesh.vertices[head.mesh.faces[head.scalp_faces]].mean(dim=1)
@@ -122,6 +122,6 @@ def check_inputs(capture: Capture, segments: LineSegments, head: Head) -> None:
     distance = float(torch.cdist(sample, scalp).amin(dim=1).median())
     if not distance < FARTHEST_FROM_HEAD:
         raise InputError(
-            f"{capture.folder}: expected hair within {FARTHEST_FROM_HEAD:g} m of the scalp, came a median of "
+            f"{capture.folder}: expected hair within {FARTHEST_FROM_HEAD:g} m of the scalp, found a median of "
             f"{distance:.2f} m; the head is not in the frame of these cameras: align or scale it."
         )

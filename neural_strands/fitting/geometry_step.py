@@ -1,4 +1,4 @@
-"""Strands during a fit: all of them remembered, some of them decoded anew with a gradient at each step."""
+"""Strands during a fit: all are remembered, and some are decoded with a gradient at each step."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class ShapeLosses:
         surface: generated points against segments.
         coverage: segments against generated points.
         head: depth inside the head.
-        first: how far strands are from where they began.
+        first: distance of strands from their start.
     """
 
     surface: Float[Tensor, ""]
@@ -46,8 +46,8 @@ def shape_losses(
 ) -> ShapeLosses:
     """The geometric objective of the strands that a step decoded.
 
-    Segments look for their nearest point among all strands, remembered ones included, so that a strand is only asked
-    to cover what no other strand covers better; only matches with the decoded strands carry a gradient.
+    Segments look for their nearest point among all strands, remembered ones included, so that a strand only has to
+    cover what no other strand covers better; only matches with the decoded strands carry a gradient.
     """
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     rest = torch.ones(len(remembered), dtype=torch.bool, device=index.device)

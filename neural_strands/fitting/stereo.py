@@ -24,12 +24,12 @@ def find_segments(
     """Segments of these views, signed from root to tip, on the CPU.
 
     Args:
-        capture: the views that may be seen.
+        capture: the views that may be used.
         head: the head in the cameras' frame; hair grows away from its scalp, not from its shoulders.
         config: the settings of stereo and growth directions, and the seed.
-        work: folder where finished views are kept, so that a stopped run goes on.
+        work: folder for finished views, so that a stopped run continues.
         track: shows progress of a loop.
-        device: where the stereo is computed; growth directions are the CPU's.
+        device: where the stereo is computed; growth directions are computed on the CPU.
     """
     random = torch.Generator().manual_seed(config.seed)
     views = capture.views_on(device)

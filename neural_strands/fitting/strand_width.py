@@ -1,9 +1,9 @@
-"""How wide strands are drawn: the width whose coverage is most like the photographs' mattes.
+"""The width of strands: the one whose coverage is most like the mattes of the photographs.
 
-Strands drawn too thin let what lies behind them show, too wide they hide it; either way the colours that images teach
-them are wrong. Masks know better: round every lock that stands off, they tell how much light passes between strands.
-How strands thin towards their tips is not asked: strands that lie a little beside the true ones match mattes better
-the fainter they end, whether the true ones do or not.
+Strands drawn too thin reveal what lies behind them, and strands drawn too wide hide it; either way they learn wrong
+colours. Masks show around every lock that stands off how much light passes between strands. How strands thin towards
+their tips is not estimated: strands slightly beside the true ones match mattes better the fainter they end, whether the
+true ones do so or not.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
 
 WIDTHS = tuple(1e-4 * 2 ** (step / 2) for step in range(-1, 7))
-"""Widths that are tried first, metres: 0.07 to 0.8 mm."""
+"""Widths tried first, metres: 0.07 to 0.8 mm."""
 FINER = 2**0.25
-"""Then this much less and more than the best."""
+"""Factors of the best of these, tried next."""
 VIEWS = 4
-"""Views that are asked."""
+"""Number of views used."""
 
 
 @torch.no_grad()
@@ -32,7 +32,7 @@ def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence
     Args:
         model: says how finely lines are drawn, how they thin to their tips, and what hides them.
         strands: world metres.
-        targets: photographs; those without a mask are not asked.
+        targets: photographs; those without a mask are not used.
 
     Returns:
         The width, metres; the model's own where there is no mask, or none of the widths tried does better.

@@ -1,4 +1,4 @@
-"""Where the alpha map is known: sure hair, sure emptiness, and an unsupervised band (paper, "Alpha Loss")."""
+"""Where the alpha map is known: certain hair, certain background, and an unsupervised band (paper, "Alpha Loss")."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,8 @@ class TrimapConfig:
     erosion: float = 0.012
     """Radius by which the grown mask shrinks before what is left counts as opaque, as the same fraction."""
     mattes: bool = True
-    """A capture's hair masks say how much of a pixel is hair, and are taken as such; otherwise they make trimaps."""
+    """Whether hair masks are mattes, giving the share of each pixel that is hair; otherwise trimaps are made from
+    them."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Trimap:
 
 
 def reference_alpha(mask: Float[Tensor, "height width"], place: Rectangle, config: TrimapConfig) -> Trimap:
-    """What a part of a view with a hair mask is held to."""
+    """Reference alpha of a part of a view that has a hair mask."""
     if not config.mattes:
         return trimap_of_part(mask > 0.5, place, config)
     matte = place.of(mask)
@@ -62,7 +63,7 @@ def trimap_of_part(lines: Bool[Tensor, "height width"], place: Rectangle, config
 
 
 def dilate(mask: Bool[Tensor, "height width"], radius: int) -> Bool[Tensor, "height width"]:
-    """Grow a mask by a disc of `radius` pixels; what lies beyond the border is empty."""
+    """Grow a mask by a disc of `radius` pixels; the area beyond the border is empty."""
     if radius < 1:
         return mask
     offsets = torch.arange(-radius, radius + 1, device=mask.device)

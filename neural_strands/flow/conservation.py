@@ -1,9 +1,9 @@
-"""Directions that conserve hair: as much flows into every place as out of it.
+"""Directions that conserve hair: the flow into every voxel equals the flow out of it.
 
-Streamlines of directions that are only smooth crowd near the scalp and leave the outer half of the hair empty. Hair
-itself cannot: strands come out of the scalp, and each takes room until its tip. So the volume is taken as a steady
-flow without divergence, in through the scalp, out where it leaves the volume lengthways, along the hull elsewhere.
-How fast it runs, which is how densely hair lies, is free; its directions stay as near as may be to those given.
+Streamlines of directions that are merely smooth crowd near the scalp and leave the outer half of the hair empty. Real
+hair cannot do that: strands leave the scalp, and each takes up room until its tip. So the hair is modelled as a steady
+flow without divergence: in through the scalp, out where it leaves the volume lengthways, and along the hull elsewhere.
+Its speed, which is the density of the hair, is free; its directions stay as close as possible to the given ones.
 """
 
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ class ConservationConfig:
     rounds: int = 4
     """Projections: onto flows without divergence and, between two, onto the directions given; 0 leaves them alone."""
     least_speed: float = 0.2
-    """Speed that the second projection leaves at least, as a share of the mean: a flow that stands has no direction."""
+    """Smallest speed after the second projection, as a share of the mean; a flow at rest has no direction."""
     most_speed: float = 5.0
-    """Speed that it leaves at most."""
+    """Largest speed after the second projection, as a share of the mean."""
     way_out: float = 0.5
-    """Hair leaves the volume where the cosine between its direction and the way out exceeds this."""
+    """Hair leaves the volume where the cosine between its direction and the outward direction exceeds this."""
     tolerance: float = 0.01
-    """Divergence at which a projection ends, as a share of the first one's."""
+    """Divergence at which a projection ends, as a share of that of the first."""
     iterations: int = 400
-    """Most steps of conjugate gradients in a projection."""
+    """Largest number of conjugate gradient steps in a projection."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def conserve(
     depth: float,
     config: ConservationConfig | None = None,
 ) -> FlowField:
-    """Turn the directions of a field as little as lets hair fill its domain from the scalp.
+    """Turn the directions of a field as little as possible, so that hair fills its domain from the scalp.
 
     Args:
         field: directions, all unit, and where there is hair.
@@ -97,7 +97,7 @@ def conserve(
 def under_scalp(
     grid: VoxelGrid, points: Float[Tensor, "root 3"], normals: Float[Tensor, "root 3"], depth: float
 ) -> Bool[Tensor, "x y z"]:
-    """Voxels about the scalp, down to two voxels below the depth at which hair's domain ends."""
+    """Voxels around the scalp, down to two voxels below the depth at which the domain of hair ends."""
     marked = torch.zeros(grid.count, dtype=torch.bool, device=points.device)
     for below in torch.arange(0.0, depth + 2 * grid.spacing, 0.5 * grid.spacing).tolist():
         index, inside = grid.index(points - below * normals)
@@ -137,10 +137,10 @@ def face_flow(flow: Float[Tensor, "cell 3"], cells: FlowCells) -> Float[Tensor, 
 def without_divergence(
     faces: Float[Tensor, "cell 6"], cells: FlowCells, enough: float, iterations: int
 ) -> Float[Tensor, "cell 6"]:
-    """The nearest flow through faces whose sum over every cell is nought (Helmholtz's projection).
+    """The nearest flow through faces whose sum over every cell is zero (Helmholtz's projection).
 
     Solves Poisson's equation for a pressure, zero beyond open faces, by conjugate gradients (Jacobi preconditioned),
-    and takes its differences from the flow.
+    and subtracts its differences from the flow.
 
     Args:
         faces: outward flow, the same with opposite sign on both sides of a face.

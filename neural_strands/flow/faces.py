@@ -16,7 +16,7 @@ def face_neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
 def behind_faces(
     values: Shaped[Tensor, "x y z"], domain: Bool[Tensor, "x y z"], beyond: int
 ) -> Shaped[Tensor, "cell 6"]:
-    """What a volume holds behind each face (+x, +y, +z, -x, -y, -z) of the domain's voxels; `beyond` past the box."""
+    """Values of a volume behind each face (+x, +y, +z, -x, -y, -z) of the domain's voxels; `beyond` outside the box."""
     padded = torch.nn.functional.pad(values, (1, 1, 1, 1, 1, 1), value=beyond)
     offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
     behind = torch.nonzero(domain)[:, None] + 1 + offsets

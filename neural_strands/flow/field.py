@@ -1,4 +1,4 @@
-"""Growth directions everywhere in the hair: what the segments say, diffused inwards (Laplace's equation).
+"""Growth directions everywhere in the hair: those of the segments, diffused inwards (Laplace's equation).
 
 The segments cover the visible shell only. Between them and the scalp the direction is the smoothest one that agrees
 with both: the mean of its neighbours, with the segments' directions fixed and the scalp pulling towards its normal.
@@ -27,16 +27,16 @@ class FlowConfig:
     spacing: float = 0.002
     """Edge of a voxel, metres."""
     margin: float = 0.02
-    """Metres of the box around segments and roots."""
+    """Margin of the box around segments and roots, metres."""
     iterations: int = 25
-    """Jacobi sweeps after the multigrid start. They smooth over about the root of their number in voxels: none leaves
-    the start's steps, many wash out how the hair's layers differ."""
+    """Jacobi sweeps after the multigrid start. They smooth over about the square root of their number in voxels: with
+    none, the steps of the start remain; many blur the differences between layers of hair."""
     normal_pull: float = 0.5
-    """How strongly the scalp's normal, rather than the flow above it, sets the direction beside the scalp; 0 to 1."""
+    """Weight of the scalp's normal, against the flow above it, in the direction next to the scalp; 0 to 1."""
     scalp_layer: float = 0.003
     """Thickness in metres of the layer that the scalp pulls."""
     least_confidence: float = 0.3
-    """Segment points less confident than this do not count: half of all have 0.5 or more, guesses have 0.1."""
+    """Segment points less confident than this are ignored; half of all points have 0.5 or more, guesses have 0.1."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def diffuse_directions(
         strength = mean.norm(dim=-1, keepdim=True).clamp(min=0.3)
         towards_normal = (1 - config.normal_pull) * mean + config.normal_pull * strength * normals
         value = torch.where(is_fixed, known, torch.where(is_pulled, towards_normal, mean))
-    # Outside the domain the filled start stands, for streamlines that graze the border.
+    # Outside the domain the filled start remains, for streamlines that graze the border.
     field = start.reshape(-1, 3).index_copy(0, cells, functional.normalize(value, dim=-1)).reshape_as(start)
     return FlowField(grid, field, domain)
 

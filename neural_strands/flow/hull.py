@@ -1,4 +1,4 @@
-"""Where hair can be: the volume that no view proves empty, outside the head."""
+"""Where hair can be: the volume outside the head that no view shows to be empty."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from neural_strands.geometry.voxel_grid import VoxelGrid
 
 @dataclass(frozen=True)
 class HullConfig:
-    """How strictly a view may declare a voxel empty."""
+    """How strictly a view declares voxels empty."""
 
     mask_threshold: float = 0.2
     """A pixel whose hair coverage is below this, with all its neighbours, shows no hair."""
@@ -59,7 +59,7 @@ def covered_volume(
 ) -> Bool[Tensor, "x y z"]:
     """The volume between the head and the points seen, for captures without masks.
 
-    Every voxel on the way from a point to the closest place on the head may hold hair.
+    Every voxel between a point and the closest point of the head may hold hair.
     """
     config = config or HullConfig()
     foot = signed_distance(points, head).closest

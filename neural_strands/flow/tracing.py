@@ -24,7 +24,7 @@ class TraceConfig:
     grace: float = 0.01
     """Arc length from the root within which leaving the hair volume does not end a strand, metres."""
     points: int = 100
-    """Points of each strand that comes back."""
+    """Points of each resulting strand."""
 
 
 def trace_strands(
@@ -38,7 +38,7 @@ def trace_strands(
     Args:
         field: directions and the volume that holds hair.
         roots: where strands start, metres.
-        normals: outward unit normals there, followed where the field has no say.
+        normals: outward unit normals there, followed where the field vanishes.
         config: step and limits.
     """
     config = config or TraceConfig()

@@ -35,7 +35,7 @@ ANY_FLOAT = Between(-math.inf, math.inf)
 
 
 def config_from_json(kind: type[C], written: JsonValue) -> C:
-    """Rebuild a config dataclass, with those inside it, from what `dataclasses.asdict` and JSON made of it.
+    """Rebuild a config dataclass, nested ones included, from `dataclasses.asdict` after a round trip through JSON.
 
     A field that the document does not have takes its default.
 

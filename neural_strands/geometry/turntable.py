@@ -8,7 +8,7 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 
 FIELD_OF_VIEW = math.radians(25.0)
-"""Angle that the shorter side of the image sees."""
+"""Field of view of the shorter side of the image, radians."""
 ROOM = 1.25
 """Radius of the ball that fits into the image, in radii of the points."""
 FARTHEST = 0.98

@@ -69,7 +69,7 @@ def build_groom(
     if (short := _first(sizes < 2)) is not None:
         found = f"strand {short} with {sizes[short]}"
         where = locate("vertices", int(offsets[short]))
-        raise refuse(path, where, "at least two points a strand", found, "remove such strands and export again")
+        raise refuse(path, where, "at least two points per strand", found, "remove such strands and export again")
     if (bad := _first_bad(vertices)) is not None:
         raise refuse(path, locate("vertices", bad), "finite coordinates below 1e9", f"{_words(vertices[bad])}")
     moved = np.zeros(len(vertices), dtype=bool)

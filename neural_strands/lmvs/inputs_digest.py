@@ -1,4 +1,4 @@
-"""What a view's results depend on, as one short text: a folder of results is used again only while it is the same."""
+"""A digest of the inputs of a view's results: a folder of results is reused only while it is the same."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,7 @@ def inputs_digest(views: Views, head: Mesh | None, settings: Iterable[object]) -
     Args:
         views: every photograph is read once, one at a time.
         head: the head, if it is known.
-        settings: whatever else changes results; `repr` must tell two of them apart.
+        settings: anything else that changes results, distinguishable by its `repr`.
     """
     digest = hashlib.sha256(repr([__version__, *settings]).encode())
     for index, camera in enumerate(views.cameras):

@@ -35,7 +35,7 @@ from neural_strands.lmvs.view_cache import ViewCache
 log = logging.getLogger(__name__)
 
 NOBODY = 0.1
-"""Votes that a guess has before any view votes for it."""
+"""Votes of a guess before any view votes for it."""
 
 Complete = Literal["auto", "always", "never"]
 """When gaps are filled with guesses."""
@@ -43,7 +43,7 @@ Complete = Literal["auto", "always", "never"]
 
 @dataclass(frozen=True)
 class LmvsConfig:
-    """Everything that can be set; lengths follow the pixel footprint, so defaults hold at any scale."""
+    """All settings; lengths follow the pixel footprint, so defaults hold at any scale."""
 
     orientation: OrientationConfig = field(default_factory=OrientationConfig)
     """2D orientation."""
@@ -54,7 +54,7 @@ class LmvsConfig:
     least_baseline: float = 8.0
     """Smallest angle between neighbour views, seen from the hair, degrees."""
     thickness: float = 0.3
-    """How deep behind the hull's surface hair is looked for, as a share of the radius that the hair is seen in."""
+    """Search depth behind the hull's surface, as a share of the radius in which hair is seen."""
     voxel: float = 3.0
     """Voxel of the hull, pixel footprints."""
     confirming: float = 2.0
@@ -65,24 +65,25 @@ class LmvsConfig:
     """Within what angle, degrees."""
     complete: Complete = "auto"
     """Whether lines that no other view confirms fill the gaps between those that are. `auto`: where confirmed segments
-    reach less than `filled` of the room for hair. Never where there are no masks: much of what is looked at is none."""
+    reach less than `filled` of the room for hair. Never without masks, because much of what is seen is not hair."""
     filled: float = 1 / 3
     """Share of the room that masks and head leave for hair which confirmed segments should reach."""
     reach: float = 3e-3
-    """How near, metres, a segment must come to reach a place: hair lies that thick over it at most."""
+    """Distance within which a segment reaches a position, metres: the largest thickness of hair above it."""
     gap: float = 3.0
     """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one."""
     dropped: float = 0.25
     """Share of these guesses, the worst, that is dropped."""
     apart: float = 0.03
-    """Without masks: masses of segments lie apart from this share on of the radius that hair is seen in."""
+    """Without masks: distance at which masses of segments are separate, as a share of the radius in which hair is
+    seen."""
     speck: float = 0.15
-    """Without masks: a mass with less than this share of the largest one's points is no hair."""
+    """Without masks: a mass with less than this share of the points of the largest is not hair."""
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """What every view's matching shares."""
+    """Data shared by the matching of all views."""
 
     region: Region
     hull: SmoothHull
@@ -104,18 +105,18 @@ def reconstruct(
 
     Args:
         views: two or more; those that show no hair are left out with a warning.
-        head: the head in the same frame, if it is known: hair is not looked for inside.
+        head: the head in the same frame, if known; hair is not searched inside it.
         config: settings.
         generator: of every random choice.
-        folder: keeps each view's lines, so that a stopped run goes on, unless photographs, cameras, head or
-            settings have changed, which is said; None keeps nothing.
+        folder: keeps each view's lines, so that a stopped run continues unless photographs, cameras, head or settings
+            have changed, which is reported; None keeps nothing.
         track: shows progress over an iterable, given what is done and how many there are.
 
     Raises:
         InputError: fewer than two views show hair, or the head is of another scale.
     """
     if len(views) < 2:
-        raise InputError(f"expected at least two views to match lines between, came {len(views)}; add photographs.")
+        raise InputError(f"expected at least two views to match lines between, found {len(views)}; add photographs.")
     check_head_size(head)
     with TemporaryDirectory() as temporary:
         seed = int(torch.randint(0, 2**30, (1,), generator=generator))
@@ -144,7 +145,7 @@ def reconstruct(
 
 
 def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, config: LmvsConfig) -> bool:
-    """Whether guesses are to complete confirmed segments; says so where the capture decides."""
+    """Whether guesses should complete confirmed segments; logs the decision if the capture determines it."""
     if config.complete != "auto":
         return config.complete == "always"
     if not in_metres(scene.region):
@@ -160,13 +161,13 @@ def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, confi
 
 
 def _room(hull: SmoothHull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
-    """Points spread evenly over the hull outside the head; `most` before those inside are left out."""
+    """Points spread evenly over the hull outside the head; `most` before those inside are removed."""
     nodes = hull.nodes()[:most]
     return nodes if head is None else nodes[signed_distance(nodes, head).distance > 0]
 
 
 def _of_views(config: LmvsConfig, seed: int) -> list[object]:
-    """The settings that a view's lines depend on; fusion is done anew at every run."""
+    """The settings on which the lines of a view depend; fusion is repeated at every run."""
     return [config.orientation, config.patchmatch, config.least_baseline, config.thickness, config.voxel, seed]
 
 
@@ -203,7 +204,7 @@ def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig
 
 
 def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
-    """The views nearest to a view in angle, but not nearer than the least baseline."""
+    """The views nearest to a view in angle, but not nearer than the smallest baseline."""
     direction = torch.stack(
         [torch.nn.functional.normalize(camera.position - region.centre, dim=0) for camera in cameras]
     )
@@ -221,7 +222,7 @@ def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], confi
     rays = reference.camera.rays(pixel.float() + 0.5)
     settings, thickness = config.patchmatch, config.thickness * scene.region.radius
     if not scene.masked:
-        # No hull: the whole ball is searched, and lying deep in it says nothing.
+        # Without a hull the whole ball is searched, and depth in it says nothing.
         settings, thickness = replace(settings, sink=0.0), 2 * scene.region.radius
     head = head_distance(reference.camera, rays, scene.head)
     bounds = ray_bounds(reference.camera, rays, head, scene.hull, scene.region, thickness)
@@ -233,7 +234,7 @@ def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], confi
 def _fuse(
     cache: ViewCache, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
 ) -> tuple[OrientedPoints, OrientedPoints]:
-    """Lines of a view that other views confirm, and guesses: lines that they do not, the best in each cell."""
+    """Lines of a view that other views confirm, and guesses: the best unconfirmed line in each cell."""
     lines = cache.lines(i)
     points = line_points(cameras[i], lines)
     kept = possible_points(points, scene.silhouettes)
@@ -247,7 +248,7 @@ def _fuse(
     view = torch.full_like(fit, i, dtype=torch.int64)
     sure = votes >= min(config.confirming, 0.5 * len(near))
     confirmed = OrientedPoints(points, directions, fit * (votes / len(near)).sqrt().clamp(max=1), view).select(sure)
-    # The share of a vote that all have lets the matching cost rank lines that nobody votes for.
+    # The small vote that all lines have lets the matching cost rank lines without other votes.
     guesses = OrientedPoints(points, directions, fit * ((votes + NOBODY) / len(near)).sqrt(), view).select(~sure)
     if config.complete == "never" or not scene.masked:
         return confirmed, guesses.select(view[:0])

@@ -17,7 +17,7 @@ MOST_NODES = 12_000_000
 
 @dataclass(frozen=True)
 class Region:
-    """The part of the world where hair is looked for.
+    """The part of the world in which hair is searched.
 
     Attributes:
         centre: of a sphere, metres.
@@ -41,7 +41,7 @@ class Region:
 
 
 def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool = True) -> Region:
-    """Sphere about the point that the optical axes through the hair come closest to, as large as the hair is seen.
+    """Sphere around the point to which the optical axes through the hair come closest, as large as the hair is seen.
 
     Args:
         cameras: at least two.
@@ -53,7 +53,7 @@ def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool
 
 
 def seen_radii(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> tuple[Float[Tensor, "3"], list[float]]:
-    """Point that the optical axes through the hair come closest to, and how large each camera sees hair there, metres.
+    """Point to which the optical axes through the hair come closest, and the hair's size there for each camera, metres.
 
     Args: as those of `find_region`.
     """

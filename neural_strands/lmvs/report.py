@@ -12,11 +12,11 @@ from neural_strands.pictures.fields import depth_picture, orientation_picture
 from neural_strands.pictures.lines import segments_over_photograph
 
 SHOWN = 4
-"""Views that are shown."""
+"""Number of views shown."""
 
 
 def write_report(views: Views, head: Mesh | None, segments: LineSegments, out: Path) -> None:
-    """Write OUT/report from what OUT/work holds: orientation, depth, and segments over the photograph."""
+    """Write OUT/report from OUT/work: orientation, depth, and segments over the photograph."""
     cache = ViewCache(out / "work", views, OrientationConfig())
     solved = [i for i in range(len(views)) if cache.has_lines(i)]
     for i in solved[:: max(1, len(solved) // SHOWN)][:SHOWN]:

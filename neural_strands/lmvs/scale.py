@@ -1,4 +1,4 @@
-"""Whether head and cameras are of the size that heads have in metres, and of one scale with each other."""
+"""Checks that head and cameras are plausibly in metres and of the same scale."""
 
 import logging
 from collections.abc import Sequence
@@ -13,36 +13,36 @@ from neural_strands.lmvs.region import Region, seen_radii
 log = logging.getLogger(__name__)
 
 SMALLEST, LARGEST = 0.05, 3.0
-"""Extents in metres of a head and of hair: from a doll's head to a whole body with hair to the ground."""
+"""Smallest and largest extent of a head or hair, metres: from a doll's head to a body with hair to the ground."""
 RATIO = 5.0
-"""What is this many times larger or smaller than the rest is in another unit."""
+"""A camera whose scale differs from the others by this factor is in another unit."""
 
 
 def check_head_size(head: Mesh | None) -> None:
-    """Refuse a head that is no head in metres.
+    """Reject a head whose size in metres is implausible.
 
     Raises:
-        InputError: its longest side is none that a head, or a body with one, has.
+        InputError: its longest side is not that of a head or of a body.
     """
     if head is None:
         return
     extent = float((head.vertices.amax(dim=0) - head.vertices.amin(dim=0)).max())
     if not SMALLEST <= extent <= LARGEST:
         raise InputError(
-            f"wrong scale: expected a head in metres, {SMALLEST:g} to {LARGEST:g} m along its longest side, came "
+            f"wrong scale: expected a head in metres, {SMALLEST:g} to {LARGEST:g} m along its longest side, found "
             f"{extent:.3g} m; bring the capture to metres."
         )
 
 
 def in_metres(region: Region) -> bool:
-    """Whether what the cameras look at measures what hair does in metres."""
+    """Whether what the cameras see has the size of hair in metres."""
     return SMALLEST <= 2 * region.radius <= LARGEST
 
 
 def of_one_scale(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> list[bool]:
-    """Which cameras are as far from the hair as the others; those that are much farther are named in a warning.
+    """The cameras that are as far from the hair as the others; cameras much farther away are named in a warning.
 
-    One that is much too near lies inside the head, or sees a part of the hair as a close-up does.
+    A camera that is much too near lies inside the head, or is a close-up of part of the hair.
 
     Args:
         cameras: at least two.
@@ -64,13 +64,13 @@ def of_one_scale(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> list[boo
 
 
 def check_scene(region: Region, head: Mesh | None) -> None:
-    """Compare the hair that cameras see with the head, or, where none is known, with what hair measures.
+    """Compare the hair that cameras see with the head or, without one, with the usual size of hair.
 
-    Hair of an implausible size is a warning where there is no head: a calibration from photographs alone has no unit,
-    and all lengths here follow the pixel footprint.
+    Without a head, an implausible size is only a warning: a calibration from photographs alone has no unit, and all
+    lengths here follow the pixel footprint.
 
     Raises:
-        InputError: the head is not where the cameras see hair, or of another scale.
+        InputError: the head is not where the cameras see hair, or has another scale.
     """
     if head is None:
         if not in_metres(region):
@@ -83,11 +83,11 @@ def check_scene(region: Region, head: Mesh | None) -> None:
     size, away = 0.5 * float((high - low).norm()), float((0.5 * (low + high) - region.centre).norm())
     if not 1 / RATIO < region.radius / size < RATIO:
         raise InputError(
-            f"wrong scale: expected cameras in the head's unit, whose hair spans about {2 * size:.2g} m, came cameras "
+            f"wrong scale: expected cameras in the head's unit, whose hair spans about {2 * size:.2g} m, found cameras "
             f"that see hair {2 * region.radius:.3g} m across; bring head and cameras to one scale."
         )
     if away > size + region.radius:
         raise InputError(
-            f"expected the head where the cameras see the hair (radius {region.radius:.3g} m), came a head of radius "
+            f"expected the head where the cameras see the hair (radius {region.radius:.3g} m), found a head of radius "
             f"{size:.3g} m, {away:.3g} m away; bring head and cameras to one scale and frame."
         )

@@ -44,7 +44,7 @@ class SmoothHull:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a ray may look at.
+    """The search range of a ray.
 
     Attributes:
         near: distance from the camera's centre to the hull, metres; negative where the ray misses it.
@@ -57,7 +57,7 @@ class Bounds:
     normal: Float[Tensor, "pixel 3"]
 
     def select(self, keep: Tensor) -> "Bounds":
-        """Keep the rays that a boolean or integer index names."""
+        """Keep the rays selected by a boolean or integer index."""
         return Bounds(self.near[keep], self.far[keep], self.normal[keep])
 
 
@@ -69,7 +69,7 @@ def ray_bounds(
     region: Region,
     thickness: float,
 ) -> Bounds:
-    """Where each ray enters the hull, and where it stops: at the head, or `thickness` metres further on."""
+    """Where each ray enters the hull, and where it stops: at the head, or `thickness` metres further."""
     distance = float((camera.position - region.centre).norm())
     near = torch.full_like(head, -1.0)
     normal = -rays.clone()

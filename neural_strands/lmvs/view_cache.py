@@ -1,4 +1,4 @@
-"""What is computed of each view, kept on disk between stages so that memory does not grow with the number of views."""
+"""Per-view results, kept on disk between stages so that memory does not grow with the number of views."""
 
 import logging
 from collections import OrderedDict
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 KEPT = 12
 """Views whose arrays stay in memory: a reference, its eight neighbours, and some that the next reference shares."""
 LEAST_CONFIDENCE = 0.02
-"""A view whose hair shows less mean confidence of orientation is left out."""
+"""A view whose hair has a lower mean confidence of orientation is left out."""
 LEAST_HAIR = 64
 """A view with fewer pixels of hair is left out."""
 
@@ -27,13 +27,13 @@ class ViewCache:
     """Per-view results in a folder, the latest few in memory."""
 
     def __init__(self, folder: Path, views: Views, config: OrientationConfig) -> None:
-        """Use `folder`; what it holds of these views is used again (see `keep_only`)."""
+        """Use `folder`; results of these views in it are reused (see `keep_only`)."""
         self.folder, self.views, self.config = folder, views, config
         self._features: OrderedDict[int, Features] = OrderedDict()
         self._lines: OrderedDict[int, LineMap] = OrderedDict()
 
     def keep_only(self, digest: str) -> None:
-        """Keep what the folder holds if it was made of the same inputs; else say so and remove it."""
+        """Keep what the folder holds if it was made from the same inputs; otherwise remove it, and say so."""
         path = self.folder / "inputs.txt"
         if path.is_file() and path.read_text() == digest:
             return
@@ -106,7 +106,7 @@ class ViewCache:
         return self._lines[index]
 
     def _device(self, index: int) -> torch.device:
-        """Where a view is worked on."""
+        """Device on which a view is processed."""
         return self.views.cameras[index].intrinsics.device
 
     def _path(self, index: int, kind: str) -> Path:

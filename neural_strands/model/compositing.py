@@ -1,6 +1,6 @@
 """What lies behind the hair: a body mesh and a surrounding sphere, both with learned colours (paper, 4.3).
 
-The body's colours are a low-resolution texture where the mesh has texture coordinates, and one colour a vertex where
+The body's colours are a low-resolution texture where the mesh has texture coordinates, and one colour per vertex where
 it has none. The sphere's are an equirectangular texture: u follows the azimuth, v the height, y up.
 """
 
@@ -29,7 +29,7 @@ class SurroundConfig:
     """Sizes of what lies behind the hair."""
 
     body_texture: Annotated[int, Between(1, 4096)] = 256
-    """Texels a side of the body's texture, where the mesh has texture coordinates."""
+    """Texels per side of the body's texture, if the mesh has texture coordinates."""
     background_texture: Annotated[int, Between(1, 4096)] = 64
     """Texels from pole to pole of the background sphere; twice as many around it."""
     background_radius: float = 10.0
@@ -73,7 +73,7 @@ class Body(nn.Module):
         return Mesh(self.vertices, self.faces, self.corner_uv)
 
     def forward(self, camera: Camera, seen: TriangleBuffer | None = None) -> BodyImage:
-        """Draw the body; `seen` is what the camera sees of the mesh, if that is known from before."""
+        """Draw the body; `seen` is the rasterised mesh, if it is already known."""
         seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
         pixels = torch.nonzero(seen.face.view(-1) >= 0).squeeze(1)
         face, barycentric = seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels]
@@ -88,7 +88,7 @@ class Body(nn.Module):
 
 
 class Background(nn.Module):
-    """A sphere about the subject with learned colours, seen from inside."""
+    """A sphere around the subject with learned colours, seen from inside."""
 
     centre: Tensor
 
@@ -102,7 +102,7 @@ class Background(nn.Module):
         """Colour of the sphere behind every pixel."""
         rays = camera.rays(camera.pixel_centres().view(-1, 2))
         on_sphere = sphere_directions(camera.position - self.centre, rays, self.radius)
-        # One column more at each end, so that interpolation goes round.
+        # One extra column at each end, so that interpolation wraps around.
         wrapped = torch.cat([self.colour[:, -1:], self.colour, self.colour[:, :1]], dim=1)
         columns = self.colour.shape[1]
         uv = equirectangular(on_sphere)
@@ -114,12 +114,12 @@ class Background(nn.Module):
 def sphere_directions(
     origin: Float[Tensor, "3"], rays: Float[Tensor, "ray 3"], radius: float
 ) -> Float[Tensor, "ray 3"]:
-    """Unit directions from the sphere's centre to where unit rays leave it.
+    """Unit directions from the sphere's centre to the points where unit rays leave it.
 
     Args:
         origin: start of the rays, from the sphere's centre, metres.
         rays: unit directions.
-        radius: metres; a ray that misses the sphere takes its own direction.
+        radius: metres; a ray that misses the sphere keeps its own direction.
     """
     along = rays @ origin
     discriminant = along.square() - origin @ origin + radius**2
@@ -151,5 +151,5 @@ def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: in
 
 
 def drawn_share(lines: LineBuffer, factor: int) -> Float[Tensor, "height width"]:
-    """Share of each pixel that lines were drawn on, at `factor` times the image's resolution."""
+    """Share of each pixel covered by lines, which are drawn at `factor` times the image's resolution."""
     return area_mean((lines.segment >= 0)[..., None].float(), factor)[..., 0]

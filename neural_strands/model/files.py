@@ -37,7 +37,7 @@ SHAPES = {
 
 
 def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None = None) -> None:
-    """Write a model; a folder of that name is replaced as a whole.
+    """Write a model; an existing folder of that name is replaced.
 
     Args:
         model: what to save.
@@ -60,10 +60,10 @@ def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None
 
 
 def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairModel:
-    """Read a model that `save_hair_model` wrote, on any machine, ready to render or to fit further.
+    """Read a model that `save_hair_model` wrote, ready to render or to continue its fit.
 
     Raises:
-        InputError: not a model's folder, or not whole.
+        InputError: the folder is not a model, or is damaged.
     """
     for name in (CONFIG_NAME, WEIGHTS_NAME):
         if not (folder / name).is_file():

@@ -1,8 +1,8 @@
 """The whole representation: scalp textures -> strands -> descriptors -> image (paper, figure 2).
 
 `decode` turns the shape texture into strands; `render` turns strands, wherever they come from, into an image. Static
-hair is decoded once and rendered many times; edited or true strands are rendered the same way, their features found
-by their roots' place on the scalp chart.
+hair is decoded once and rendered many times. Edited or true strands are rendered the same way; their features are found
+by the position of their roots on the scalp chart.
 """
 
 from dataclasses import dataclass, field, replace
@@ -31,19 +31,19 @@ from neural_strands.raster.visible import interpolate_knots, visible_directions,
 from neural_strands.scalp.roots import Roots
 
 BACKGROUND_THROUGH = 0.1
-"""Opacity of hair through which images still teach the background.
+"""Opacity of hair below which the background still learns from images.
 
-What shines through hair is mostly hair, and the background behind it differs from view to view: other views would show
-that hair's colour beside their own. Scalp and face go along with the hair before them, and keep its shadow."""
+Most of what shines through hair is hair, and the background behind it differs between views: other views would show
+that hair's colour beside their own hair. Scalp and face belong to the hair in front of them, and keep its shadow."""
 LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
-"""Opacity that a pixel without any strand and a fully covered one start with.
+"""Initial opacity of a pixel without any strand and of a fully covered one.
 
-Where there is none, more would show as a rim about the hair, less would hardly learn to close a gap."""
+In a pixel without strands, more would show as a rim around the hair, and less would hardly learn to close a gap."""
 
 
 @dataclass(frozen=True)
 class HairModelConfig:
-    """Everything that sizes a hair model."""
+    """Sizes and options of a hair model."""
 
     textures: ScalpTextureConfig = field(default_factory=ScalpTextureConfig)
     """The scalp textures."""
@@ -54,11 +54,11 @@ class HairModelConfig:
     shading: ShadingConfig = field(default_factory=ShadingConfig)
     """Colour of visible points."""
     lines: LineConfig = field(default_factory=LineConfig)
-    """How strands are drawn; a fit that sees mattes finds their width itself."""
+    """How strands are drawn; a fit with mattes estimates their width itself."""
     points: Annotated[int, Between(2, 10000)] = 100
-    """Points a strand."""
+    """Points per strand."""
     supersample: Annotated[int, Between(1, 16)] = 3
-    """Lines are drawn with this many pixels for each of the image, along each axis, and splatted together."""
+    """Line pixels per image pixel along each axis; they are splatted together."""
     mixed_precision: bool = True
     """Run the convolutions in bfloat16 on CUDA."""
 
@@ -69,7 +69,7 @@ class HairModelConfig:
 
 
 class Drawing(NamedTuple):
-    """What a camera sees of given strands and of the body, at `supersample` times the image's resolution.
+    """Strands and body as a camera sees them, at `supersample` times the image's resolution.
 
     Attributes:
         body: faces seen.
@@ -89,8 +89,8 @@ class RenderOutput:
         alpha: opacity of the hair.
         hair_rgb: colour of the hair alone.
         behind_rgb: body over background.
-        coverage: share of each pixel that strands were drawn on.
-        lines: what was drawn, at `supersample` times the image's resolution.
+        coverage: share of each pixel covered by strands.
+        lines: the drawn lines, at `supersample` times the image's resolution.
     """
 
     rgb: Float[Tensor, "height width 3"]
@@ -128,7 +128,7 @@ class HairModel(nn.Module):
             roots: where strands start.
             generator: the pre-trained strand generator; it is frozen.
             body: head and body, occluders of the hair; may have no faces.
-            random: draws the first weights of the image generator.
+            random: draws the initial weights of the image generator.
         """
         super().__init__()
         self.config = config
@@ -168,7 +168,7 @@ class HairModel(nn.Module):
         """Strands of the roots in world metres.
 
         Args:
-            points: points a strand, by default those of the config.
+            points: points per strand, by default those of the config.
             blur: standard deviation, in texels, of the blur of the gradient into Z_g.
             index: which roots, by default all of them.
         """
@@ -178,7 +178,7 @@ class HairModel(nn.Module):
         return Strands(to_world(local, position, frame), root_uv=uv, root_normal=frame[:, :, 2])
 
     def draw(self, strands: Strands, camera: Camera) -> Drawing:
-        """Find what a camera sees of strands and body."""
+        """Rasterise strands and body for a camera."""
         factor = self.config.supersample
         camera = camera.to(self.root_uv.device)
         fine = camera.resized(camera.width * factor, camera.height * factor)
@@ -194,7 +194,7 @@ class HairModel(nn.Module):
             strands: world metres; `root_uv` says whose appearance each has.
             camera: the view, of any size.
             blur: standard deviation, in texels, of the blur of the gradient into Z_a.
-            volume: `hair_volume` of the strands, where they are rendered more than once.
+            volume: `hair_volume` of the strands, if they are rendered more than once.
 
         Raises:
             ValueError: strands without `root_uv`.
@@ -209,7 +209,7 @@ class HairModel(nn.Module):
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
         alpha = torch.sigmoid(raw[..., 3] + start)
         share = area_mean(body.coverage[..., None], factor)
-        # Never the hair's colour: see BACKGROUND_THROUGH.
+        # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
         background = self.background(camera)
         background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
         behind = area_mean(body.colour, factor) + (1 - share) * background
@@ -224,7 +224,7 @@ class HairModel(nn.Module):
         blur: float = 0.0,
         volume: HairVolume | None = None,
     ) -> list[SplatMap]:
-        """Maps of the descriptor g = [z_a, d, t] of the visible points, one a level (paper, "Neural Hair Descriptor").
+        """Maps of the descriptor g = [z_a, d, t] of visible points, one per level (paper, "Neural Hair Descriptor").
 
         The colour of the points follows as the last three channels.
 
@@ -247,7 +247,7 @@ class HairModel(nn.Module):
 
     def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
         """Colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""
-        # Channels last from the start, as convolutions want them.
+        # Channels last from the start, which is fastest for convolutions.
         pyramid = [
             torch.cat([level_map.features.permute(1, 2, 0), *self._pixel_channels(level_map, camera, level)], dim=2)
             for level, level_map in enumerate(maps)
@@ -262,7 +262,7 @@ class HairModel(nn.Module):
     def _pixel_channels(
         self, level_map: SplatMap, camera: Camera, level: int
     ) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
-        """Viewing direction of every pixel of a level, and the share of it that strands were drawn on."""
+        """Viewing direction of every pixel of a level, and the share of it covered by strands."""
         height, width = level_map.coverage.shape
         row = (torch.arange(height, device=camera.intrinsics.device) + 0.5) * 2**level
         column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
@@ -274,7 +274,7 @@ class HairModel(nn.Module):
 def filled_from_below(
     pyramid: list[Float[Tensor, "channel _ _"]], coverages: list[Float[Tensor, "_ _"]]
 ) -> Float[Tensor, "channel height width"]:
-    """The finest of splatted maps, its gaps showing the next coarser one, and so on down."""
+    """The finest of the splatted maps, with gaps filled from the next coarser map, and so on."""
     image = pyramid[-1]
     for features, coverage in zip(reversed(pyramid[:-1]), reversed(coverages[:-1]), strict=True):
         height, width = coverage.shape

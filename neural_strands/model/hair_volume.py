@@ -1,8 +1,9 @@
-"""How much hair lies about a point, and which way is out of it.
+"""How much hair lies around a point, and the way out of it.
 
-Light that leaves hair was scattered by many fibres: the rim of the hair glows before light behind it, tips are paler
-than what lies deep, and a side seen from the front looks unlike one seen at a grazing angle. None of this is told by a
-fibre and its angles alone. A coarse grid of density tells it: of all strands, hidden ones too, of edited hair as well.
+Light that leaves hair has been scattered by many fibres: the rim of the hair glows in front of a light, tips are paler
+than deep hair, and a side seen from the front differs from one seen at a grazing angle. A fibre and its angles alone
+cannot explain this, but a coarse grid of density can: that of all strands, hidden ones included, and of edited hair as
+well.
 """
 
 from dataclasses import dataclass
@@ -18,19 +19,19 @@ CELL = 0.005
 """Edge of a grid cell, metres."""
 
 MOST_CELLS = 72
-"""Cells along the longest side; hair that needs more has larger cells."""
+"""Largest number of cells along the longest side; hair that needs more has larger cells."""
 
 WIDTHS = (0.004, 0.012)
-"""Standard deviations of the Gaussians that density is averaged with, metres; the last tells which way is out."""
+"""Standard deviations of the Gaussians that average the density, metres; the last one gives the way out."""
 
 FAINT = 0.05
-"""Density, strands a square millimetre, that sparse hair is told from none by."""
+"""Density that separates sparse hair from none, strands per square millimetre."""
 
 SAMPLES = 16
-"""Pieces that a strand is taken as, at least where it has as many."""
+"""Number of pieces into which a strand is divided, if it has at least as many points."""
 
 CHANNELS = 3 + len(WIDTHS)
-"""Numbers at a point: the direction out of the hair, then the logarithms of the densities."""
+"""Numbers per point: the direction out of the hair, then the logarithms of the densities."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class HairVolume:
 
     Attributes:
         grid: whose voxels density is counted in.
-        values: how fast density falls along each axis, log densities (strands that cross a square millimetre).
+        values: decrease of density along each axis, then log densities (strands that cross a square millimetre).
     """
 
     grid: VoxelGrid
@@ -53,9 +54,9 @@ class HairVolume:
 
 @torch.no_grad()
 def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:
-    """Density of strands, metres; what is not finite does not count."""
+    """Density of strands, metres; points that are not finite are ignored."""
     stride = max(1, (points.shape[1] - 1) // SAMPLES)
-    # Axes first: sums over three neighbouring numbers are slow.
+    # Axes first, because sums over three adjacent numbers are slow.
     coarse = points[:, ::stride].permute(2, 0, 1).contiguous()
     middle = (0.5 * (coarse[:, :, 1:] + coarse[:, :, :-1])).flatten(1)
     length = (coarse[:, :, 1:] - coarse[:, :, :-1]).flatten(1).square().sum(dim=0).sqrt()
@@ -71,7 +72,7 @@ def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:
     shape = grid.shape
     index = ((middle - middle.new_tensor(low)[:, None]) / cell).long().unbind(0)
     flat = (index[0] * shape[1] + index[1]) * shape[2] + index[2]
-    # Metres of hair in a cubic metre are strands across a square metre.
+    # Metres of hair per cubic metre are strands per square metre.
     density = points.new_zeros(grid.count).index_add_(0, flat, length).view(shape) / (1e6 * cell**3)
     levels, before = [], 0.0
     for width in WIDTHS:

@@ -1,4 +1,4 @@
-"""The neural scalp textures: shape Z_g and appearance Z_a of every strand, by where its root lies (paper, 4.1)."""
+"""The neural scalp textures: shape Z_g and appearance Z_a of every strand, by the position of its root (paper, 4.1)."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -16,15 +16,16 @@ class ScalpTextureConfig:
     """Sizes of the two textures."""
 
     shape_size: Annotated[int, Between(1, 8192)] = 256
-    """Texels a side of the shape texture Z_g."""
+    """Texels per side of the shape texture Z_g."""
     shape_channels: Annotated[int, Between(1, 1024)] = 64
-    """Numbers a texel of Z_g: the latent size of the strand generator (D_g)."""
+    """Numbers per texel of Z_g: the latent size of the strand generator (D_g)."""
     appearance_size: Annotated[int, Between(1, 8192)] = 512
-    """Texels a side of the appearance texture Z_a."""
+    """Texels per side of the appearance texture Z_a."""
     appearance_channels: Annotated[int, Between(1, 1024)] = 16
     """Numbers of the appearance descriptor z_a of a point (D_a)."""
     appearance_knots: Annotated[int, Between(1, 64)] = 1
-    """Descriptors a texel of Z_a, evenly spaced from root to tip; points between two blend them. The paper has one."""
+    """Descriptors per texel of Z_a, evenly spaced from root to tip; points between two blend them. The paper has
+    one."""
 
 
 class ScalpTextures(nn.Module):

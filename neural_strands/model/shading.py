@@ -1,13 +1,13 @@
 """Colour of each visible point of a strand, before points are blended into pixels.
 
-A pixel covers several hairs. Shading them one by one and blending the colours is what a camera does; the image
-generator, which sees the blended descriptors, then corrects for what neighbours do to each other. The paper leaves all
-of it to the generator.
+A pixel covers several hairs. A camera sees the blend of their individual colours, so points are shaded before they are
+blended. The image generator, which sees the blended descriptors, then corrects for the effect of neighbours on each
+other. The paper leaves all of it to the generator.
 
-How much light of which kind reaches a point is the point's own: z_a. How a fibre sends it on is the same function for
-all fibres, of the angles between fibre, eye and lights (Marschner et al., "Light Scattering from Human Hair Fibers",
-2003) and of how the hair lies about it (`model.hair_volume`): what one strand shows from one side teaches how another
-will look from elsewhere. A function that saw z_a as well would learn each strand's training views by heart.
+The light that reaches a point is specific to the point: z_a. How a fibre scatters it is one function for all fibres, of
+the angles between fibre, eye and lights (Marschner et al., "Light Scattering from Human Hair Fibers", 2003) and of the
+hair around it (`model.hair_volume`), so that a strand seen from one side tells how another looks from elsewhere. A
+function that also saw z_a would memorise each strand's training views.
 """
 
 import math
@@ -23,13 +23,13 @@ from neural_strands.foundation.configs import Between
 from neural_strands.model import hair_volume
 
 CPU_BATCH = 4096
-"""Points that the CPU shades together: what lies between two layers stays in its cache."""
+"""Points that the CPU shades together, so that the activations stay in its cache."""
 
 LOBE = 0.25
-"""Width of the highlight that the network is given, in the sum of the sines of both inclinations."""
+"""Width of the highlight among the network's inputs, in the sum of the sines of both inclinations."""
 
 ANGLES = 4
-"""Numbers that describe how a fibre lies to one light and to the eye."""
+"""Number of inputs that describe a fibre relative to one light and the eye."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,23 @@ class ShadingConfig:
     """Size of the point shader."""
 
     hidden: Annotated[int, Between(0, 1024)] = 64
-    """Width of its hidden layers; 0 leaves a linear decode."""
+    """Width of its hidden layers; 0 for a linear decode."""
     layers: Annotated[int, Between(0, 32)] = 2
     """Hidden layers."""
     lights: Annotated[int, Between(0, 64)] = 6
-    """Directions, learned, that light is taken to come from."""
+    """Number of learned light directions."""
 
 
 class PointShading(nn.Module):
-    """A decode of z_a, linear in it, that a small network of t, direction, viewing direction and lights changes."""
+    """A decode that is linear in z_a, modulated by a small network of t, direction, viewing direction and lights."""
 
     def __init__(self, features: int, config: ShadingConfig, generator: torch.Generator) -> None:
-        """Start from a random decode that depends on no direction; lights start spread over the sphere.
+        """Start from a random decode that is independent of direction, with lights spread over the sphere.
 
         Args:
             features: size of z_a.
             config: size of the network.
-            generator: draws the first weights.
+            generator: draws the initial weights.
         """
         super().__init__()
         self.decode = nn.Parameter(torch.randn(3, features, generator=generator) / features**0.5)
@@ -77,7 +77,7 @@ class PointShading(nn.Module):
         Args:
             descriptor: [z_a, d, t].
             view: unit direction in which a point is seen.
-            around: how the hair lies about it, as `HairVolume.at` says.
+            around: the hair around it, from `HairVolume.at`.
         """
         if not len(self.inner):
             return F.linear(descriptor[:, : self.decode.shape[1]], self.decode, self.mean)
@@ -99,7 +99,7 @@ class PointShading(nn.Module):
         hidden = torch.cat([fibre, view, angles, around, facing, outward @ lights.T], dim=1)
         for weight, bias in zip(self.inner, self.biases, strict=True):
             hidden = F.silu(F.linear(hidden, weight, bias))
-        # The linear decode is what a fibre sends on whatever the direction: a bias.
+        # The linear decode is the part of the response that is independent of direction: a bias.
         decode = torch.cat([self.mean[:, None], self.decode], dim=1).flatten()
         response = F.linear(hidden, self.outer, decode).unflatten(1, (3, 1 + own.shape[1]))
         return torch.baddbmm(response[:, :, :1], response[:, :, 1:], own[:, :, None]).squeeze(2)
@@ -108,7 +108,7 @@ class PointShading(nn.Module):
 def fibre_angles(
     fibre: Float[Tensor, "point 3"], view: Float[Tensor, "point 3"], lights: Float[Tensor, "light 3"]
 ) -> Float[Tensor, "point angle"]:
-    """What a fibre's reflection depends on, after Marschner et al. 2003.
+    """Inputs of a fibre's reflection, after Marschner et al. 2003.
 
     Args:
         fibre: unit directions of growth.
@@ -118,7 +118,7 @@ def fibre_angles(
     Returns:
         Minus the sine of the eye's inclination to the fibre's normal plane and the square of its cosine; then, each for
         all lights, the sine of the light's inclination, the sum of both sines (0 where the fibre reflects light to the
-        eye like a mirror), the highlight about that, and the cosine of the azimuth between light and eye.
+        eye like a mirror), the highlight around that, and the cosine of the azimuth between light and eye.
     """
     along = (fibre * view).sum(dim=1, keepdim=True)
     across = 1 - along.square()

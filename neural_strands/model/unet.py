@@ -5,8 +5,8 @@ Paper, section 4.3, "Image Generation". Design decisions:
 - The descriptor map of each level joins the encoder at that level, so holes at full resolution are filled from below.
 - Alias-free (the default): resampling by designed low-pass filters, activations filtered at twice the resolution.
   Plain: strided convolutions, nearest-neighbour upsampling and pointwise activations, kept for the ablation.
-- No normalisation layer: a crop renders as the same pixels of the whole image do, and a shift stays a shift.
-- What it gives is a correction: colour starts from the shaded points and opacity from their coverage.
+- No normalisation layer: a crop renders like the same pixels of the whole image, and a shift stays a shift.
+- The output is a correction: colour starts from the shaded points and opacity from their coverage.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class UNetConfig:
 
     @property
     def stride(self) -> int:
-        """Pixels of the finest level a pixel of the coarsest."""
+        """Pixels of the finest level per pixel of the coarsest."""
         return 2 ** (self.levels - 1)
 
 
@@ -94,7 +94,7 @@ class UNet(nn.Module):
         """Corrections of colour and opacity logit of every pixel of the finest map, of any size.
 
         Args:
-            pyramid: descriptor maps, finest first, each side half the one before, rounded up.
+            pyramid: descriptor maps, finest first, each side half of the previous one, rounded up.
 
         Raises:
             ValueError: the number of maps or their sizes do not fit the network.
@@ -108,7 +108,7 @@ class UNet(nn.Module):
             kept.append(hidden)
         for level in reversed(range(self.config.levels - 1)):
             hidden = self.decoders[level](torch.cat([kept[level], self._up(hidden)], dim=1))
-        # Over channels-last memory a 1 x 1 convolution is a matrix product, and on the CPU much the faster one.
+        # In channels-last memory a 1 x 1 convolution is a matrix product, which is much faster on the CPU.
         image = F.linear(hidden.permute(0, 2, 3, 1), self.output, self.bias)
         return image.permute(0, 3, 1, 2)[..., :height, :width]
 
@@ -119,7 +119,7 @@ class UNet(nn.Module):
         return upsample(images, self.kernel) if self.config.alias_free else F.interpolate(images, scale_factor=2.0)
 
     def _padded(self, pyramid: Sequence[Tensor]) -> list[Tensor]:
-        """Zeros at the right and the bottom, so that every level halves the one before exactly."""
+        """Zeros at the right and the bottom, so that every level is exactly half of the previous one."""
         stride, levels = self.config.stride, self.config.levels
         if len(pyramid) != levels:
             raise ValueError(f"this UNet reads {levels} descriptor maps, got {len(pyramid)}")

@@ -34,12 +34,12 @@ from neural_strands.scalp.head import Head
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All figures of a run, and what its pictures need.
+    """All figures of a run, and the data for its pictures.
 
     Attributes:
         ours: strands against the ground truth, if there is one.
         lmvs: segments against the ground truth.
-        head_fit: how the strands sit on the head.
+        head_fit: position of the strands relative to the head.
         views: held-out views; training views where none was held out.
         held_out: whether `views` were held out.
         decode_ms: milliseconds to decode all strands.
@@ -87,7 +87,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class RunContents:
-    """A run as it lies on disk.
+    """A run, read from disk.
 
     Attributes:
         folder: where.
@@ -95,7 +95,7 @@ class RunContents:
         head: mesh and scalp.
         renderer: the model and its strands, decoded once.
         segments: line segments that the fit used.
-        shown: indices of the views that are judged.
+        shown: indices of the views that are evaluated.
         held_out: whether those were held out.
     """
 

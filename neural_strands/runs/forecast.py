@@ -1,4 +1,4 @@
-"""What a fit will cost, told before the hours are spent: a few steps on a stand-in, timed."""
+"""The expected cost of a fit, from a few timed steps on stand-in data."""
 
 from dataclasses import dataclass, replace
 
@@ -19,11 +19,11 @@ from neural_strands.scalp.roots import sample_roots
 
 STAND_IN_POINTS = 20_000
 STAND_IN_HEIGHT = 0.01
-"""The stand-in's segments lie this far above the scalp, metres."""
+"""Height of the stand-in segments above the scalp, metres."""
 STEREO_SECONDS = 25.0
-"""Line-based multi-view stereo, seconds a megapixel of photographs on two CPU cores; less on CUDA."""
+"""Line-based multi-view stereo, seconds per megapixel of photographs on two CPU cores; less on CUDA."""
 TRACING_BYTES = 800_000_000
-"""The most that the tracing of first strands was measured to add to the peak of the trial steps."""
+"""The largest measured addition of tracing first strands to the peak of the trial steps, bytes."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Forecast:
         shape_seconds: one step that moves strands by geometry.
         image_seconds: one step that sees an image.
         fit_seconds: all steps.
-        memory_bytes: the trial's peak, and what tracing adds to it.
+        memory_bytes: the peak of the trial steps plus that of tracing.
     """
 
     stereo_seconds: float
@@ -45,7 +45,7 @@ class Forecast:
     memory_bytes: int
 
     def sentence(self) -> str:
-        """What the user is told."""
+        """The forecast as a sentence for the user."""
         stereo, steps = self.stereo_seconds / 60, self.fit_seconds / 60
         return (
             f"expect about {stereo + steps:.1f} minutes: {stereo:.1f} for stereo, {steps:.1f} for the steps "
@@ -72,7 +72,7 @@ def forecast(
         config: of the fit to come.
         perceptual: as the fit will use it.
         device: where the fit will run.
-        with_stereo: whether segments have to be made first.
+        with_stereo: whether segments have to be computed first.
     """
     roots = sample_roots(head.to("cpu"), STAND_IN_POINTS, torch.Generator().manual_seed(config.seed))
     points = roots.position + STAND_IN_HEIGHT * roots.normal
@@ -95,7 +95,7 @@ def forecast(
 
 
 def steps_for(minutes: float, cost: Forecast, config: FitConfig) -> int:
-    """How many steps fit into `minutes`; at least ten, so that there is a result."""
+    """Number of steps that fit into `minutes`; at least ten, so that there is a result."""
     share = appearance_begins(config.steps, config.schedule) / config.steps
     mean = share * cost.shape_seconds + (1 - share) * cost.image_seconds
     return max(10, int(60 * minutes / mean))

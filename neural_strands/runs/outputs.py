@@ -1,4 +1,4 @@
-"""What a fit leaves behind: the model, the groom for other programs, a preview."""
+"""Results of a fit: the model, the groom for other programs, a preview."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.run_folder import RunFolder
 
 HAIR_WIDTH = 7e-5
-"""Thickness written for strands whose width the fit did not find, metres: a typical human hair."""
+"""Thickness written for strands whose width the fit did not estimate, metres: that of a typical human hair."""
 
 
 @torch.no_grad()
@@ -40,7 +40,7 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
 
 
 def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand point"]:
-    """Thickness of every point, metres: as the model draws strands, so that the groom covers what the pictures show."""
+    """Thickness of every point, metres, as the model draws strands, so that the groom covers the same pixels."""
     along = strands.parameters()
     tip = torch.ones_like(along) if model.lines.tip <= 0 else ((1 - along) / model.lines.tip).clamp(max=1.0)
     return model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)
@@ -59,7 +59,7 @@ def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Te
 
 
 def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
-    """A training view as the model renders it now, beside its photograph."""
+    """A training view as the model currently renders it, beside its photograph."""
     target = data.views[0]
     output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(target.camera)
     write_png(path, torch.cat([output.rgb, target.image], dim=1))

@@ -30,7 +30,7 @@ MOST_VIEWS = 4
 TURN_FRAMES, STILL_EVERY = 24, 3
 """Frames of the turntable, and the step between those that are shown as stills too."""
 TURN_SIDE = 512
-"""Largest side of a frame as it is rendered, pixels: about the scale that renderers are trained at."""
+"""Largest side of a rendered frame, pixels: about the scale at which renderers are trained."""
 STRIP_SIDE = 288
 """Side of a frame of the moving picture, pixels."""
 
@@ -61,7 +61,7 @@ def write_report(run: RunContents, result: Evaluation) -> None:
 
 
 def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height width 3"]:
-    """A view that was judged: photograph, reconstructed strands by direction, rendering."""
+    """An evaluated view: photograph, reconstructed strands by direction, rendering."""
     place = len(result.views) - 1
     camera = run.capture.cameras[run.shown[place]].to(run.renderer.strands.points.device)
     strands = lines_picture(run.renderer.strands.points, camera, run.head.mesh).cpu()
@@ -144,7 +144,7 @@ def _geometry_gallery(run: RunContents) -> Gallery:
 
 
 def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
-    """A turn about the hair, as the model renders it and as strands by direction; and some frames to look at."""
+    """A turn around the hair, rendered and as strands coloured by direction, and some still frames."""
     points = run.renderer.strands.points
     shown = run.capture.cameras[run.shown[0]]
     side = min(TURN_SIDE, shown.width, shown.height)

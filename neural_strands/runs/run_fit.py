@@ -69,7 +69,7 @@ class PreparedRun:
 
     Attributes:
         folder: where it is kept.
-        described: what `run.json` says or will say, settings included.
+        described: contents of `run.json`, settings included.
         capture: all views.
         head: mesh and scalp chart.
         prior: strand prior.
@@ -96,7 +96,7 @@ class PreparedRun:
 
     @property
     def training_capture(self) -> Capture:
-        """The views that the fit may see."""
+        """The views that the fit may use."""
         return self.capture.subset(training_views(len(self.capture), self.config.hold_out_every))
 
 
@@ -107,7 +107,7 @@ def run_fit(request: FitRequest, config: FitConfig, device: torch.device, feedba
         request: what and where.
         config: settings; those of a resumed run must be the same.
         device: where to compute.
-        feedback: told of each stage and of the progress within it.
+        feedback: receives each stage and the progress within it.
 
     Raises:
         InputError: anything about the input that makes a fit impossible; what was there before stays.
@@ -133,7 +133,7 @@ def prepare_run(
     capture = Capture.load(request.capture)
     head = find_head(capture, request.head)
     resuming = folder.description.is_file()
-    # No process may create the folder before all have looked at it.
+    # No process may create the folder before all have checked it.
     workers.wait()
     if resuming and not request.resume:
         raise InputError(
@@ -166,16 +166,16 @@ def prepare_run(
 
 
 def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> FitData:
-    """Load or make the line segments of the training views, keep them in the run's folder, and gather what steps see.
+    """Load or compute the line segments of the training views, keep them in the run, and gather the inputs of steps.
 
     Args:
         run: from `prepare_run`.
-        given: file of segments to start a new run from; without one, line-based multi-view stereo makes them. What is
-            finished of it is kept in the run's folder, so that a stopped run goes on.
-        feedback: told of stages and progress.
+        given: file of segments to start a new run from; without one, line-based multi-view stereo computes them.
+            Finished views are kept in the run's folder, so that a stopped run continues.
+        feedback: receives stages and progress.
 
     Raises:
-        InputError: too few segments, or segments far from the head; no run is begun.
+        InputError: too few segments, or segments far from the head; no run is started.
     """
     kept = run.folder.segments
     if run.workers.leads and not (run.resuming and kept.is_file()):
@@ -192,7 +192,7 @@ def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> F
 
 
 def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
-    """Begin at first strands or at the checkpoint, take the remaining steps, and leave the results.
+    """Start from first strands or the checkpoint, take the remaining steps, and write the results.
 
     Stopped at any point, the run keeps a checkpoint and usable results.
 

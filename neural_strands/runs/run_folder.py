@@ -1,4 +1,4 @@
-"""The folder of a fit: what is where, and whether it belongs to this capture and these settings."""
+"""The folder of a fit: its paths, and whether it belongs to this capture and these settings."""
 
 import dataclasses
 import hashlib
@@ -45,12 +45,12 @@ class RunFolder:
 
     @property
     def checkpoint(self) -> Path:
-        """Where the fit goes on from."""
+        """The state from which the fit resumes."""
         return self.path / "checkpoint.pt"
 
     @property
     def log(self) -> Path:
-        """One JSON object a step."""
+        """One JSON object per step."""
         return self.path / "log.jsonl"
 
     @property
@@ -70,7 +70,7 @@ class RunFolder:
 
     @property
     def preview(self) -> Path:
-        """How a training view looks now, beside its photograph."""
+        """A training view as currently rendered, beside its photograph."""
         return self.path / "preview.png"
 
     @property
@@ -81,7 +81,7 @@ class RunFolder:
 
 @dataclass(frozen=True)
 class RunDescription:
-    """What `run.json` holds.
+    """Contents of `run.json`.
 
     Attributes:
         capture: folder of the capture, absolute.
@@ -101,7 +101,7 @@ class RunDescription:
 
 
 def write_description(folder: RunFolder, description: RunDescription) -> None:
-    """Save what a run is.
+    """Write the description of a run.
 
     Raises:
         InputError: the folder cannot be written.
@@ -112,7 +112,7 @@ def write_description(folder: RunFolder, description: RunDescription) -> None:
 
 
 def read_description(folder: RunFolder) -> RunDescription:
-    """Read what a run is.
+    """Read the description of a run.
 
     Raises:
         InputError: there is no run in the folder, or its description is broken.
@@ -142,10 +142,10 @@ def found_again(folder: RunFolder, described: RunDescription, path: str) -> Path
 
 
 def check_same(folder: RunFolder, wanted: RunDescription) -> None:
-    """Refuse to go on with another capture or other settings than the run began with.
+    """Reject another capture or other settings than those with which the run started.
 
     Raises:
-        InputError: one sentence that names what differs.
+        InputError: names the first difference.
     """
     stored = read_description(folder)
     if stored.fingerprint != wanted.fingerprint:
@@ -162,7 +162,7 @@ def check_same(folder: RunFolder, wanted: RunDescription) -> None:
         ours, theirs = dataclasses.asdict(wanted.config), dataclasses.asdict(stored.config)
         name = next(name for name in ours if ours[name] != theirs[name])
         raise InputError(
-            f"{folder.path}: this run began with {name} = {theirs[name]}, came {ours[name]}; "
+            f"{folder.path}: this run began with {name} = {theirs[name]}, found {ours[name]}; "
             "give the settings it began with, or fit into a new folder."
         )
 

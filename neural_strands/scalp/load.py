@@ -33,7 +33,7 @@ def load_head(path: Path | str, scalp: Path | str | None = None, scale: float | 
         InputError: a file is missing, unreadable or contradicts the other, or the chart overlaps itself.
     """
     if scale is not None and not 0 < scale < math.inf:
-        raise InputError(f"{path}: expected a scale of more than 0 metres a unit, found {scale:g}; give another.")
+        raise InputError(f"{path}: expected a scale of more than 0 metres per unit, found {scale:g}; give another.")
     file = read_head_file(Path(path), None if scalp is None else Path(scalp))
     return chart_head(file, guess_unit(file.mesh.vertices) if scale is None else scale)
 

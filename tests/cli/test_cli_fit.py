@@ -96,7 +96,7 @@ def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
     assert main(fit_arguments(tiny)) == 0
     capsys.readouterr()
     assert main(fit_arguments(tiny, "--resume", "--strands", "100")) == 2
-    assert "began with strands = 200, came 100" in capsys.readouterr().err
+    assert "began with strands = 200, found 100" in capsys.readouterr().err
     assert main(fit_arguments(tiny, "--resume", "--prior", str(other_prior(tiny)))) == 2
     assert "other weights of the strand prior" in capsys.readouterr().err
     changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
@@ -146,7 +146,7 @@ def test_two_views_are_refused_in_one_sentence_and_leave_no_run(tiny, capsys):
     path.write_text(json.dumps(plain | {"frames": plain["frames"][:2]}))
     for arguments in (fit_arguments(tiny), fit_arguments(tiny)[:3]):
         assert main(arguments) == 2
-        assert_one_sentence(capsys, "at least 3 training views, came 2")
+        assert_one_sentence(capsys, "at least 3 training views, found 2")
     assert not (tiny / "run").exists()
 
 
@@ -154,7 +154,7 @@ def test_segments_that_are_absent_empty_or_of_another_head_leave_no_run(tiny, ca
     whole = load_segments(tiny / "segments.npz")
     save_segments(tiny / "segments.npz", whole.select(torch.arange(0)))
     assert main(fit_arguments(tiny)) == 2
-    assert_one_sentence(capsys, "segment points or more, came 0")
+    assert_one_sentence(capsys, "segment points or more, found 0")
     save_segments(tiny / "segments.npz", replace(whole, points=whole.points + 2.0))
     assert main(fit_arguments(tiny)) == 2
     assert_one_sentence(capsys, "align or scale it")

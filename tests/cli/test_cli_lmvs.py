@@ -135,4 +135,4 @@ def test_refusals_are_one_sentence(ball, tmp_path, capsys):
     assert main(["lmvs", str(ball), str(tmp_path / "three")]) == 2
     assert "wrong scale: expected a head in metres" in capsys.readouterr().err
     assert main(["lmvs", str(ball), str(tmp_path / "two"), "--size", "7"]) == 2
-    assert "--size: expected 32 pixels or more, came 7" in capsys.readouterr().err
+    assert "--size: expected 32 pixels or more, found 7" in capsys.readouterr().err

@@ -278,7 +278,7 @@ def test_without_masks_the_hair_volume_comes_from_the_segments(tmp_path):
 def test_inputs_that_no_fit_can_come_of_are_refused(scene):
     capture, head, segments = scene
     config = tiny_config()
-    with pytest.raises(InputError, match="at least 3 training views, came 2"):
+    with pytest.raises(InputError, match="at least 3 training views, found 2"):
         gather_fit_data(capture.subset([0, 1]), head, segments, config, CPU)
     with pytest.raises(InputError, match="segment points"):
         gather_fit_data(capture, head, segments.select(torch.arange(20)), config, CPU)

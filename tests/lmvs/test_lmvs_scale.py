@@ -25,7 +25,7 @@ def camera(azimuth: float, distance: float = 1.0) -> Camera:
 
 @pytest.mark.parametrize("side", [0.01, 25.0, 250.0])
 def test_a_head_in_another_unit_is_refused(side: float):
-    with pytest.raises(InputError, match=r"^wrong scale: expected a head in metres.*came [^\n]*$"):
+    with pytest.raises(InputError, match=r"^wrong scale: expected a head in metres.*found [^\n]*$"):
         check_head_size(box_head(side))
 
 

@@ -22,7 +22,7 @@ def test_stereo_that_finds_too_little_blocks_no_later_fit(tmp_path, monkeypatch)
     config = replace(tiny_config(), steps=2, initialise="mean")
     folder, said = RunFolder(request.out), []
     monkeypatch.setattr(run_fit_module, "find_segments", lambda *_: segments.select(torch.arange(20)))
-    with pytest.raises(InputError, match="500 segment points or more, came 20"):
+    with pytest.raises(InputError, match="500 segment points or more, found 20"):
         run_fit(request, config, CPU, Feedback(said.append))
     assert not folder.description.exists()
     assert not folder.segments.exists()

@@ -280,7 +280,7 @@ def test_an_stl_is_welded_to_a_surface(tmp_path):
 
 def test_a_scale_that_is_no_length_is_refused(quads):
     for scale in (-1.0, 0.0, float("inf"), float("nan")):
-        with pytest.raises(InputError, match="more than 0 metres a unit"):
+        with pytest.raises(InputError, match="more than 0 metres per unit"):
             load_head(quads, scale=scale)
 
 
