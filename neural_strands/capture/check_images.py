@@ -58,7 +58,7 @@ def check_files(facts: Sequence[ImageFacts]) -> list[Finding]:
     broken = [fact for fact in facts if fact.problem]
     if not broken:
         return [Finding("files", "good", f"{len(facts)} images and their masks read and fit their cameras")]
-    return [Finding("files", "error", fact.problem, "mend the file or remove the view", ()) for fact in broken]
+    return [Finding("files", "error", fact.problem, "fix the file or remove the view", ()) for fact in broken]
 
 
 def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:

@@ -61,7 +61,7 @@ def _head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Finding]:
     try:
         head = read_head_file(path)
     except InputError as error:
-        return None, Finding("head", "error", str(error).rstrip("."), "mend the file or name another with --head")
+        return None, Finding("head", "error", str(error).rstrip("."), "fix the file or name another with --head")
     text = f"{path.name}, {len(head.mesh.faces)} triangles"
     if head.scalp_area is None:
         action = "the scalp will be found from the shape"
@@ -73,7 +73,7 @@ def _ground_truth(capture: Capture) -> Finding:
     try:
         truth = capture.ground_truth
     except InputError as error:
-        return Finding("ground truth", "error", str(error).rstrip("."), "mend the file or remove it")
+        return Finding("ground truth", "error", str(error).rstrip("."), "fix the file or remove it")
     if truth is None:
         return Finding("ground truth", "note", "none (real captures have none)")
     return Finding("ground truth", "good", f"{len(truth)} strands of {truth.points_per_strand} points")

@@ -1,6 +1,6 @@
 """Entry point: picks the command, runs it, and reports bad input in one sentence.
 
-Little is imported here, and nothing slow: whatever a verb needs is loaded once an interruption is one sentence too.
+Little is imported here, and nothing slow: what a command needs is loaded where Ctrl-C already ends in one sentence.
 """
 
 import importlib
@@ -19,7 +19,7 @@ READER_GONE = 141
 STOPPED = f"{PROGRAM}: stopped; finished parts are kept."
 
 
-class Verb(NamedTuple):
+class Entry(NamedTuple):
     """One command.
 
     Attributes:
@@ -32,24 +32,24 @@ class Verb(NamedTuple):
 
 
 COMMANDS = {
-    "prepare": Verb("neural_strands.cli.prepare:Prepare", "turn photographs into a capture"),
-    "check": Verb("neural_strands.cli.check:Check", "say what is in a capture and what is wrong with it"),
-    "fit": Verb("neural_strands.cli.fit:Fit", "reconstruct the hair of a capture"),
-    "evaluate": Verb("neural_strands.cli.evaluate:Evaluate", "score a fit and write its report"),
-    "render": Verb("neural_strands.cli.render:Render", "render a fitted model from any camera"),
-    "demo": Verb("neural_strands.cli.demo:Demo", "make a small capture, reconstruct it and score it"),
-    "info": Verb("neural_strands.cli.info:Info", "say what a groom holds"),
-    "convert": Verb("neural_strands.cli.convert:Convert", "convert a groom into another format"),
-    "score": Verb("neural_strands.cli.score:Score", "compare strands with true strands"),
-    "score-views": Verb("neural_strands.cli.score_views:ScoreViews", "compare pictures with photographs"),
-    "head": Verb("neural_strands.cli.head:HeadCheck", "find or check the scalp of a head"),
-    "lmvs": Verb("neural_strands.cli.lmvs:Lmvs", "line-based multi-view stereo alone"),
-    "synthesize": Verb("neural_strands.cli.synthesize:Synthesize", "render a capture with true strands"),
-    "train-prior": Verb("neural_strands.cli.train_prior:TrainPrior", "train the strand prior"),
-    "prior-report": Verb("neural_strands.cli.prior_report:PriorReport", "say how well the prior keeps a groom"),
-    "prior-traverse": Verb("neural_strands.cli.prior_traverse:PriorTraverse", "draw the prior's latent space"),
+    "prepare": Entry("neural_strands.cli.prepare:Prepare", "turn photographs into a capture"),
+    "check": Entry("neural_strands.cli.check:Check", "say what is in a capture and what is wrong with it"),
+    "fit": Entry("neural_strands.cli.fit:Fit", "reconstruct the hair of a capture"),
+    "evaluate": Entry("neural_strands.cli.evaluate:Evaluate", "score a fit and write its report"),
+    "render": Entry("neural_strands.cli.render:Render", "render a fitted model from any camera"),
+    "demo": Entry("neural_strands.cli.demo:Demo", "make a small capture, reconstruct it and score it"),
+    "info": Entry("neural_strands.cli.info:Info", "say what a groom holds"),
+    "convert": Entry("neural_strands.cli.convert:Convert", "convert a groom into another format"),
+    "score": Entry("neural_strands.cli.score:Score", "compare strands with true strands"),
+    "score-views": Entry("neural_strands.cli.score_views:ScoreViews", "compare pictures with photographs"),
+    "head": Entry("neural_strands.cli.head:HeadCheck", "find or check the scalp of a head"),
+    "lmvs": Entry("neural_strands.cli.lmvs:Lmvs", "line-based multi-view stereo alone"),
+    "synthesize": Entry("neural_strands.cli.synthesize:Synthesize", "render a capture with true strands"),
+    "train-prior": Entry("neural_strands.cli.train_prior:TrainPrior", "train the strand prior"),
+    "prior-report": Entry("neural_strands.cli.prior_report:PriorReport", "say how well the prior keeps a groom"),
+    "prior-traverse": Entry("neural_strands.cli.prior_traverse:PriorTraverse", "draw the prior's latent space"),
 }
-"""Each verb, in the order that help lists them."""
+"""The commands, in the order in which help lists them."""
 
 
 @runtime_checkable
@@ -83,27 +83,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parse(verb: str, words: list[str]) -> Command | None:
+def _parse(command: str, words: list[str]) -> Command | None:
     """The command that the words spell; None where they asked for help, which is printed then."""
-    if verb not in COMMANDS:
+    if command not in COMMANDS:
         import difflib
 
-        near = difflib.get_close_matches(verb, COMMANDS, 1, 0)[0]
-        raise InputError(f"{verb!r}: expected a command, such as {near}; `{PROGRAM} --help` lists them.")
+        near = difflib.get_close_matches(command, COMMANDS, 1, 0)[0]
+        raise InputError(f"{command!r}: expected a command, such as {near}; `{PROGRAM} --help` lists them.")
     from neural_strands.cli.arguments import parse
     from neural_strands.foundation.memory import keep_freed_memory
 
     keep_freed_memory()
-    module, _, name = COMMANDS[verb].location.partition(":")
-    return parse(getattr(importlib.import_module(module), name), f"{PROGRAM} {verb}", words)
+    module, _, name = COMMANDS[command].location.partition(":")
+    return parse(getattr(importlib.import_module(module), name), f"{PROGRAM} {command}", words)
 
 
 def _help() -> str:
     width = max(map(len, COMMANDS)) + 2
-    verbs = "".join(f"  {name:<{width}}{verb.summary}\n" for name, verb in COMMANDS.items())
+    commands = "".join(f"  {name:<{width}}{command.summary}\n" for name, command in COMMANDS.items())
     return (
         f"usage: {PROGRAM} COMMAND ...\n\n"
         "From photographs of a head to hair strands rooted on the scalp, and an appearance that renders them.\n\n"
-        f"commands:\n{verbs}\n"
+        f"commands:\n{commands}\n"
         f"`{PROGRAM} COMMAND --help` says what a command takes; `{PROGRAM} --version` which version this is.\n"
     )

@@ -41,7 +41,7 @@ class JsonValue:
     value: Any
     source: str
     place: str = ""
-    advice: str = "mend the file"
+    advice: str = "fix the file"
 
     def refuse(self, expected: str) -> InputError:
         """Build the sentence that says what should stand here."""
@@ -192,7 +192,7 @@ class JsonValue:
         return replace(self, value=self.value[key], place=self.place + name)
 
 
-def read_json(path: Path, what: str, advice: str = "mend the file", most: int = LARGEST_JSON) -> JsonValue:
+def read_json(path: Path, what: str, advice: str = "fix the file", most: int = LARGEST_JSON) -> JsonValue:
     """Read a JSON document, unpacked first where the file's name ends in .gz.
 
     Args:
@@ -215,7 +215,7 @@ def read_json(path: Path, what: str, advice: str = "mend the file", most: int = 
 
 
 def parse_json(
-    text: str, source: str, what: str, advice: str = "mend the file", with_constants: bool = False
+    text: str, source: str, what: str, advice: str = "fix the file", with_constants: bool = False
 ) -> JsonValue:
     """Read a JSON document from memory.
 
