@@ -89,7 +89,7 @@ class RunDescription:
         fingerprint: digest of the capture's cameras, images and masks, and of the head.
         config: resolved settings.
         prior: digest of the strand generator's weights, which no checkpoint holds.
-        folder: the run's own folder, absolute: it tells where capture and head lay relative to it. Older runs have none.
+        folder: the run's own folder, absolute, to find capture and head beside it again. Older runs have none.
     """
 
     capture: str
