@@ -1,5 +1,6 @@
 """Checks of the photographs and their masks: readable, sharp, evenly exposed, not empty."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -73,6 +74,9 @@ def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:
         return Finding(f"{kind} masks", "warning", f"missing for {len(missing)} views", "add them", missing)
     empty = tuple(name for name, share in covered.items() if share is not None and share < EMPTY_MASK)
     full = tuple(name for name, share in covered.items() if share is not None and share > FULL_MASK)
+    if len(empty) == len(covered) and kind == "hair":
+        action = "draw them again (white where there is hair), or remove masks/ to go without"
+        return Finding("hair masks", "error", f"all {len(empty)} are empty", action)
     if empty:
         action = "draw them again, or remove views without hair"
         return Finding(f"{kind} masks", "warning", f"{len(empty)} of {len(covered)} are empty", action, empty)
@@ -85,11 +89,17 @@ def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:
 
 
 def check_sharpness(facts: Sequence[ImageFacts]) -> Finding:
-    """Views that are out of focus or blurred by motion."""
-    known = [fact for fact in facts if not fact.problem and fact.blur == fact.blur]
-    blurred = tuple(fact.name for fact in known if fact.blur > BLURRED)
+    """Views without any detail, out of focus, or blurred by motion."""
+    read = [fact for fact in facts if not fact.problem]
+    known = [fact for fact in read if not math.isnan(fact.blur)]
     if not known:
-        return Finding("sharpness", "warning", "no image has any detail", "check that the images are photographs")
+        action = "check that the images are photographs: nothing can be reconstructed from black or even ones"
+        return Finding("sharpness", "error", "no image has any detail", action)
+    if len(known) < len(read):
+        blank = tuple(fact.name for fact in read if math.isnan(fact.blur))
+        text = f"{len(blank)} of {len(read)} have no detail at all where hair should be"
+        return Finding("sharpness", "warning", text, "remove these views or export them again", blank)
+    blurred = tuple(fact.name for fact in known if fact.blur > BLURRED)
     if blurred:
         action = "remove these views or take them again: hair is thinner than the blur"
         return Finding("sharpness", "warning", f"{len(blurred)} of {len(known)} are blurred", action, blurred)
@@ -144,7 +154,7 @@ def _subject(image: np.ndarray, hair: torch.Tensor | None, person: torch.Tensor 
             return (mask > 0.5).numpy()
     height, width = image.shape[:2]
     middle = np.zeros((height, width), bool)
-    middle[height // 4 : -(height // 4), width // 4 : -(width // 4)] = True
+    middle[height // 4 : height - height // 4, width // 4 : width - width // 4] = True
     return middle
 
 

@@ -7,11 +7,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.capture.findings import Finding
+from neural_strands.capture.hold_out import FEWEST_VIEWS, HOLD_OUT_EVERY, training_views
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.scalp.hairline import measure_head
+from neural_strands.scalp.head_file import HEAD_WIDTH, in_metres
 
-HEAD_HEIGHT = (0.15, 0.8)
-"""Plausible height of a head with neck, or a bust, metres."""
+LIKELY_WIDTH = (0.1, 0.25)
+"""Likely width of a head, from a child's to one with thick ears, metres."""
 FRAME_WIDTH = (0.15, 3.0)
 """Plausible width of an image at the distance of the head, metres."""
 SEEN_SHARE = 0.3
@@ -22,6 +25,8 @@ COVERED_SHARE = 0.5
 """Smallest share of all directions around the head that should be covered."""
 FEW_VIEWS = 12
 """Fewer views than this give poor geometry."""
+SAME_POSE = 1e-6
+"""Poses that differ by less, as 4 x 4 matrices, are the same."""
 DIRECTIONS = 1000
 """Number of directions around the head in which coverage is tested."""
 
@@ -42,15 +47,14 @@ def subject_centre(cameras: Sequence[Camera], head: Mesh | None) -> Float[Tensor
 def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
     """Whether the unit of the calibration is plausibly the metre."""
     if head is not None:
-        height = float((head.vertices.amax(dim=0) - head.vertices.amin(dim=0)).max())
-        if HEAD_HEIGHT[0] <= height <= HEAD_HEIGHT[1]:
-            return Finding("scale", "good", f"the head is {height:.2f} m high")
-        return Finding(
-            "scale",
-            "error",
-            f"the head is {height:.3g} m high, expected {HEAD_HEIGHT[0]} to {HEAD_HEIGHT[1]}",
-            f"multiply the cameras' translations and the head by about {0.3 / height:.2g}",
-        )
+        width = measure_head(head.vertices).width
+        if LIKELY_WIDTH[0] <= width <= LIKELY_WIDTH[1]:
+            return Finding("scale", "good", f"the head is {width:.2f} m wide")
+        # Beyond what `in_metres` allows a fit refuses the head.
+        level = "warning" if in_metres(width) else "error"
+        text = f"the head is {width:.3g} m wide, expected {LIKELY_WIDTH[0]} to {LIKELY_WIDTH[1]}"
+        action = f"multiply the cameras' translations and the head by about {HEAD_WIDTH / max(width, 1e-9):.2g}"
+        return Finding("scale", level, text, action)
     centre = subject_centre(cameras, None)
     distances = torch.stack([(camera.position - centre).norm() for camera in cameras])
     focal = torch.tensor([float(camera.intrinsics[0, 0]) / camera.width for camera in cameras])
@@ -90,8 +94,10 @@ def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
     covered = float((nearest >= torch.cos(torch.deg2rad(torch.tensor(REACH)))).float().mean())
     spread = float(torch.rad2deg(torch.acos((toward @ toward.T).min().clamp(-1, 1))))
     facts = f"{len(cameras)} views, {spread:.0f}° apart at most, cover {100 * covered:.0f} % of all directions"
+    action = f"take at least {FEW_VIEWS}, better 24, from all around and above"
+    if len(training_views(len(cameras), HOLD_OUT_EVERY)) < FEWEST_VIEWS:
+        return Finding("viewpoints", "error", f"a fit needs {FEWEST_VIEWS} views or more: {facts}", action)
     if len(cameras) < FEW_VIEWS:
-        action = f"take at least {FEW_VIEWS}, better 24, from all around and above"
         return Finding("viewpoints", "warning", f"few views: {facts}", action)
     if covered < COVERED_SHARE:
         action = "take views all around and above: what no view sees is invented by the prior"
@@ -101,12 +107,22 @@ def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
 
 def check_doubles(cameras: Sequence[Camera]) -> Finding | None:
     """Views with the same pose, a sign of a broken export."""
-    poses = torch.stack([camera.world_to_camera for camera in cameras]).reshape(len(cameras), -1)
-    same = (torch.cdist(poses, poses) < 1e-6).triu(diagonal=1).any(dim=0)
-    if not same.any():
+    same = doubled_poses(cameras)
+    if not any(same):
         return None
-    names = tuple(camera.name for camera, doubled in zip(cameras, same.tolist(), strict=True) if doubled)
+    if sum(same) == len(cameras) - 1:
+        text = "all views have the same pose, so that nothing tells how far away anything is"
+        return Finding("poses", "error", text, "calibrate the photographs again, or export the cameras again")
+    names = tuple(camera.name for camera, doubled in zip(cameras, same, strict=True) if doubled)
     return Finding("poses", "warning", "views have the pose of another", "export the cameras again", names)
+
+
+def doubled_poses(cameras: Sequence[Camera]) -> list[bool]:
+    """Of each camera, whether one before it has the same pose."""
+    poses = torch.stack([camera.world_to_camera for camera in cameras]).reshape(len(cameras), -1)
+    # Not by a matrix product, as cdist does for many: rounding would part poses that are the same.
+    apart = torch.cdist(poses, poses, compute_mode="donot_use_mm_for_euclid_dist")
+    return (apart < SAME_POSE).triu(diagonal=1).any(dim=0).tolist()
 
 
 def _seen_share(camera: Camera, points: Float[Tensor, "point 3"]) -> float:

@@ -3,13 +3,11 @@
 from pathlib import Path
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.check_head import check_agreement, check_head
 from neural_strands.capture.check_images import check_exposure, check_files, check_masks, check_sharpness, gather
 from neural_strands.capture.check_views import check_aim, check_doubles, check_scale, check_viewpoints
 from neural_strands.capture.findings import Finding
-from neural_strands.capture.head import head_path
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.mesh import Mesh
-from neural_strands.scalp.head_file import SCALP_NAME, read_head_file
 
 
 def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
@@ -23,17 +21,22 @@ def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
         InputError: the calibration itself cannot be read, so that nothing else can be checked.
     """
     capture = Capture.load(folder)
-    head, head_finding = _head(capture, head_file)
+    head, scalp, head_finding = check_head(capture, head_file)
     facts = gather(capture)
     cameras = capture.cameras
-    doubles = check_doubles(cameras)
+    doubles, scale = check_doubles(cameras), check_scale(cameras, head)
+    agreement = None
+    # A head of another unit agrees with nothing, which its scale says already.
+    if head is not None and scalp is not None and scale.level != "error":
+        agreement = check_agreement(capture, facts, head, scalp)
     return [
         _calibration(capture),
         *check_files(facts),
         check_masks(facts, "hair"),
         check_masks(facts, "person"),
         head_finding,
-        check_scale(cameras, head),
+        scale,
+        *([] if agreement is None else [agreement]),
         check_aim(cameras, head),
         check_viewpoints(cameras, head),
         *([] if doubles is None else [doubles]),
@@ -51,22 +54,6 @@ def _calibration(capture: Capture) -> Finding:
     text += f" and {len(sizes) - 3} more sizes" if len(sizes) > 3 else ""
     text += f", {len(lenses)} {'lens' if len(lenses) == 1 else 'lenses'}"
     return Finding("calibration", "good", text + (f", distortion undone in {bent}" if bent else ""))
-
-
-def _head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Finding]:
-    path = head_path(capture.folder, given)
-    if path is None:
-        action = "put the fitted head there as head.obj, or name it with --head when you check and when you fit"
-        return None, Finding("head", "error", "no head mesh", action)
-    try:
-        head = read_head_file(path)
-    except InputError as error:
-        return None, Finding("head", "error", str(error).rstrip("."), "fix the file or name another with --head")
-    text = f"{path.name}, {len(head.mesh.faces)} triangles"
-    if head.scalp_area is None:
-        action = "the scalp will be found from the shape"
-        return head.mesh, Finding("head", "note", f"{text}, no {SCALP_NAME}", action)
-    return head.mesh, Finding("head", "good", f"{text}, {1e4 * head.scalp_area:.0f} cm² of scalp")
 
 
 def _ground_truth(capture: Capture) -> Finding:

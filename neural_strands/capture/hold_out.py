@@ -1,5 +1,8 @@
 """The views of a capture that are held out for evaluation and seen by nothing else."""
 
+FEWEST_VIEWS = 3
+"""Views that a fit must be allowed to see: with fewer, nothing confirms what two of them show."""
+
 HOLD_OUT_EVERY = 5
 """One view in so many is held out unless said otherwise."""
 

@@ -7,7 +7,8 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
-from neural_strands.capture.hold_out import training_views
+from neural_strands.capture.check_views import doubled_poses
+from neural_strands.capture.hold_out import FEWEST_VIEWS, training_views
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.losses import OrientedTargets
 from neural_strands.fitting.regions import random_square
@@ -20,7 +21,6 @@ from neural_strands.geometry.views import View, Views
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.scalp.head import Head
 
-FEWEST_VIEWS = 3
 FEWEST_SEGMENT_POINTS = 500
 FARTHEST_FROM_HEAD = 0.25
 """Median distance in metres from segments to scalp beyond which they cannot be this head's hair."""
@@ -93,15 +93,20 @@ def random_region(
 
 
 def check_views(capture: Capture) -> None:
-    """Reject a capture with too few training views for a fit.
+    """Reject training views from which no fit is possible.
 
     Raises:
-        InputError: there are fewer than three.
+        InputError: there are fewer than three, or all have the same pose.
     """
     if len(capture) < FEWEST_VIEWS:
         raise InputError(
             f"{capture.folder}: expected at least {FEWEST_VIEWS} training views, found {len(capture)}; "
             "take more photographs around the head."
+        )
+    if sum(doubled_poses(capture.cameras)) == len(capture) - 1:
+        raise InputError(
+            f"{capture.folder}: expected views from several sides, found {len(capture)} of the same pose; "
+            "calibrate the photographs again, or export the cameras again."
         )
 
 

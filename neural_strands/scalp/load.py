@@ -49,11 +49,9 @@ def chart_head(file: HeadFile, unit: float = 1.0) -> Head:
         InputError: no scalp is found, or the file's chart leaves [0, 1] or overlaps itself.
     """
     mesh = replace(file.mesh, vertices=file.mesh.vertices * unit)
-    if file.scalp is None:
-        chosen = _found(file)
+    if file.scalp is None or file.scalp.uv is None:
+        chosen = find_scalp(file)
         return Head(mesh, chosen, chart_faces(mesh, chosen))
-    if file.scalp.uv is None:
-        return Head(mesh, file.scalp.faces, chart_faces(mesh, file.scalp.faces))
     head = Head(mesh, file.scalp.faces, file.scalp.uv)
     _check_chart(head, file.scalp, file.source.polygon)
     return head
@@ -81,8 +79,14 @@ def _check_chart(head: Head, scalp: ScalpFile, polygon: np.ndarray) -> None:
         )
 
 
-def _found(file: HeadFile) -> Int64[Tensor, " scalp"]:
-    """The scalp by proportions, without faces that have no area."""
+def find_scalp(file: HeadFile) -> Int64[Tensor, " scalp"]:
+    """The faces hair grows from: those that a file names or, without one, those that proportions tell.
+
+    Raises:
+        InputError: no file names them, and the mesh is no upright head.
+    """
+    if file.scalp is not None:
+        return file.scalp.faces
     try:
         chosen = scalp_faces(file.mesh)
     except ValueError as error:

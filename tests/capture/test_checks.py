@@ -10,6 +10,9 @@ import torch
 from neural_strands.capture.checks import check_capture
 from neural_strands.capture.findings import Finding, worst
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.raster.triangles import rasterise_triangles
+from neural_strands.scalp.hairline import scalp_faces
 
 SIZE = 96
 CUBE = "".join(f"v {x} {y} {z}\n" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
@@ -21,12 +24,21 @@ def texture(seed: int) -> np.ndarray:
     return (255 * noise).astype(np.uint8)
 
 
+def hair_of_the_cube(camera: Camera) -> np.ndarray:
+    """A mask of what a camera sees of the cube's scalp, two pixels wider all around."""
+    rows = [line.split() for line in CUBE.splitlines()]
+    vertices = torch.tensor([[float(x) for x in row[1:]] for row in rows if row[0] == "v"])
+    faces = torch.tensor([[int(x) - 1 for x in row[1:]] for row in rows if row[0] == "f"])
+    seen = rasterise_triangles(vertices, faces, camera).face
+    hair = torch.isin(seen, scalp_faces(Mesh(vertices, faces)))
+    return cv2.dilate(hair.numpy().astype(np.uint8) * 255, np.ones((5, 5), np.uint8))
+
+
 def write_dome(folder: Path, views: int = 24, arc: float = 2 * math.pi, scale: float = 1.0) -> Path:
-    """A good capture: cameras all around at two heights, noise for images, discs for masks, a cube for a head."""
+    """A good capture: cameras all around at two heights, noise for images, a cube for a head, its top as hair."""
     frames = []
     for name in ("images", "masks"):
         (folder / name).mkdir(parents=True)
-    disc = ((np.indices((SIZE, SIZE)) - SIZE / 2) ** 2).sum(axis=0) < (SIZE / 3) ** 2
     for k in range(views):
         turn, lift = arc * k / views, (0.15, 0.8)[k % 2]
         eye = torch.tensor([math.sin(turn) * math.cos(lift), math.sin(lift), math.cos(turn) * math.cos(lift)])
@@ -34,7 +46,7 @@ def write_dome(folder: Path, views: int = 24, arc: float = 2 * math.pi, scale: f
         pose = camera.opengl_camera_to_world.clone()
         pose[:3, 3] *= scale
         cv2.imwrite(str(folder / f"images/{k:03}.png"), texture(k))
-        cv2.imwrite(str(folder / f"masks/{k:03}.png"), disc.astype(np.uint8) * 255)
+        cv2.imwrite(str(folder / f"masks/{k:03}.png"), hair_of_the_cube(camera))
         frames.append({"file_path": f"images/{k:03}.png", "transform_matrix": pose.double().tolist()})
     shared = {"w": SIZE, "h": SIZE, "fl_x": 2.0 * SIZE, "cx": SIZE / 2, "cy": SIZE / 2}
     (folder / "transforms.json").write_text(json.dumps(shared | {"frames": frames}))
@@ -115,6 +127,55 @@ def test_scale_that_is_not_metres(tmp_path, with_head):
 def test_a_narrow_range_and_few_views(tmp_path):
     assert "narrow" in found(write_dome(tmp_path / "narrow", arc=math.radians(60)))["viewpoints"].message
     assert "few" in found(write_dome(tmp_path / "few", views=6))["viewpoints"].message
+
+
+def all_black(folder: Path, kind: str) -> None:
+    for path in (folder / kind).iterdir():
+        assert cv2.imwrite(str(path), np.zeros((SIZE, SIZE), np.uint8))
+
+
+def one_pose(folder: Path) -> None:
+    document = json.loads((folder / "transforms.json").read_text())
+    for frame in document["frames"]:
+        frame["transform_matrix"] = document["frames"][0]["transform_matrix"]
+    (folder / "transforms.json").write_text(json.dumps(document))
+
+
+def two_views(folder: Path) -> None:
+    document = json.loads((folder / "transforms.json").read_text())
+    document["frames"] = document["frames"][:2]
+    (folder / "transforms.json").write_text(json.dumps(document))
+
+
+@pytest.mark.parametrize(
+    ("topic", "words", "spoil"),
+    [
+        ("viewpoints", "needs 3 views or more: 2 views", two_views),
+        ("poses", "all views have the same pose", one_pose),
+        ("sharpness", "no image has any detail", lambda folder: all_black(folder, "images")),
+        ("hair masks", "all 24 are empty", lambda folder: all_black(folder, "masks")),
+        ("head", "no head mesh", lambda folder: (folder / "head.obj").unlink()),
+        (
+            "head",
+            "without any area",
+            lambda folder: (folder / "head.obj").write_text("v 0.1 0 0\n" * 8 + CUBE[CUBE.index("f ") :]),
+        ),
+    ],
+)
+def test_what_no_fit_can_use_is_an_error(tmp_path, topic, words, spoil):
+    folder = write_dome(tmp_path / "c")
+    spoil(folder)
+    finding = found(folder)[topic]
+    assert finding.level == "error"
+    assert words in finding.message
+    assert finding.action
+
+
+def test_blank_images_among_others_are_named(tmp_path):
+    folder = write_dome(tmp_path / "c")
+    cv2.imwrite(str(folder / "images/004.png"), np.full((SIZE, SIZE, 3), 90, np.uint8))
+    finding = found(folder)["sharpness"]
+    assert (finding.level, finding.views) == ("warning", ("004.png",))
 
 
 def test_a_broken_head_and_truth_are_rows(tmp_path):
