@@ -48,7 +48,7 @@ def check_head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Int64
         file = read_head_file(path)
         scalp = find_scalp(file)
     except InputError as error:
-        action = "mend the file or name another with --head"
+        action = "fix the file or name another with --head"
         return None, None, Finding("head", "error", str(error).rstrip("."), action)
     # In the file's unit, whose plausibility is another row's.
     area = 1e4 * float(face_areas(file.mesh)[scalp].sum())
