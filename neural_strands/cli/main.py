@@ -23,7 +23,7 @@ class Entry(NamedTuple):
     """One command.
 
     Attributes:
-        location: module and dataclass of its arguments.
+        location: module in `cli.commands` and dataclass of its arguments.
         summary: what it does, for the list of commands.
     """
 
@@ -32,22 +32,26 @@ class Entry(NamedTuple):
 
 
 COMMANDS = {
-    "prepare": Entry("neural_strands.cli.prepare:Prepare", "turn photographs into a capture"),
-    "check": Entry("neural_strands.cli.check:Check", "say what is in a capture and what is wrong with it"),
-    "fit": Entry("neural_strands.cli.fit:Fit", "reconstruct the hair of a capture"),
-    "evaluate": Entry("neural_strands.cli.evaluate:Evaluate", "score a fit and write its report"),
-    "render": Entry("neural_strands.cli.render:Render", "render a fitted model from any camera"),
-    "demo": Entry("neural_strands.cli.demo:Demo", "make a small capture, reconstruct it and score it"),
-    "info": Entry("neural_strands.cli.info:Info", "say what a groom holds"),
-    "convert": Entry("neural_strands.cli.convert:Convert", "convert a groom into another format"),
-    "score": Entry("neural_strands.cli.score:Score", "compare strands with true strands"),
-    "score-views": Entry("neural_strands.cli.score_views:ScoreViews", "compare pictures with photographs"),
-    "head": Entry("neural_strands.cli.head:HeadCheck", "find or check the scalp of a head"),
-    "lmvs": Entry("neural_strands.cli.lmvs:Lmvs", "line-based multi-view stereo alone"),
-    "synthesize": Entry("neural_strands.cli.synthesize:Synthesize", "render a capture with true strands"),
-    "train-prior": Entry("neural_strands.cli.train_prior:TrainPrior", "train the strand prior"),
-    "prior-report": Entry("neural_strands.cli.prior_report:PriorReport", "say how well the prior keeps a groom"),
-    "prior-traverse": Entry("neural_strands.cli.prior_traverse:PriorTraverse", "draw the prior's latent space"),
+    "prepare": Entry("prepare:Prepare", "turn photographs into a capture"),
+    "check": Entry("check:Check", "say what is in a capture and what is wrong with it"),
+    "fit": Entry("fit:Fit", "reconstruct the hair of a capture"),
+    "evaluate": Entry("evaluate:Evaluate", "score a fit and write its report"),
+    "render": Entry("render:Render", "render a fitted model from any camera"),
+    "demo": Entry("demo:Demo", "make a small capture, reconstruct it and score it"),
+    "info": Entry("info:Info", "say what a groom holds"),
+    "convert": Entry("convert:Convert", "convert a groom into another format"),
+    "score": Entry("score:Score", "compare strands with true strands"),
+    "score-views": Entry("score_views:ScoreViews", "compare pictures with photographs"),
+    "head": Entry("head:HeadCheck", "find or check the scalp of a head"),
+    "lmvs": Entry("lmvs:Lmvs", "line-based multi-view stereo alone"),
+    "synthesize": Entry("synthesize:Synthesize", "render a capture with true strands"),
+    "train-prior": Entry("train_prior:TrainPrior", "train the strand prior"),
+    "prior-report": Entry(
+        "neural_strands.cli.commands.prior_report:PriorReport", "say how well the prior keeps a groom"
+    ),
+    "prior-traverse": Entry(
+        "neural_strands.cli.commands.prior_traverse:PriorTraverse", "draw the prior's latent space"
+    ),
 }
 """The commands, in the order in which help lists them."""
 
@@ -95,7 +99,9 @@ def _parse(command: str, words: list[str]) -> Command | None:
 
     keep_freed_memory()
     module, _, name = COMMANDS[command].location.partition(":")
-    return parse(getattr(importlib.import_module(module), name), f"{PROGRAM} {command}", words)
+    return parse(
+        getattr(importlib.import_module(f"neural_strands.cli.commands.{module}"), name), f"{PROGRAM} {command}", words
+    )
 
 
 def _help() -> str:

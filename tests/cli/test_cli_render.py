@@ -8,8 +8,8 @@ import pytest
 import torch
 from full_disk import smallest_files
 
+from neural_strands.cli.commands.render import picture_name
 from neural_strands.cli.main import main
-from neural_strands.cli.render import picture_name
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.compositing import SurroundConfig

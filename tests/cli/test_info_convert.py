@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from neural_strands.cli.convert import axes_to_world
-from neural_strands.cli.info import guess_unit
+from neural_strands.cli.commands.convert import axes_to_world
+from neural_strands.cli.commands.info import guess_unit
 from neural_strands.cli.main import main
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import READERS, read_groom, write_groom

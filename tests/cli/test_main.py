@@ -108,7 +108,7 @@ def test_interruption_exits_with_130(monkeypatch: pytest.MonkeyPatch, capsys: py
     def stop(_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("neural_strands.cli.info.Info.run", stop)
+    monkeypatch.setattr("neural_strands.cli.commands.info.Info.run", stop)
     status, _, err = run(["info", "a.hair"], capsys)
     assert status == 130
     assert "Traceback" not in err
@@ -118,7 +118,7 @@ def test_programming_errors_are_not_hidden(monkeypatch: pytest.MonkeyPatch):
     def fail(_: object) -> None:
         raise ValueError("a bug")
 
-    monkeypatch.setattr("neural_strands.cli.info.Info.run", fail)
+    monkeypatch.setattr("neural_strands.cli.commands.info.Info.run", fail)
     with pytest.raises(ValueError, match="a bug"):
         main(["info", "a.hair"])
 

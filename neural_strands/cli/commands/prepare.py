@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from neural_strands.cli.fit import say
+from neural_strands.cli.commands.fit import say
 from neural_strands.foundation.errors import InputError
 
 

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from neural_strands.cli.check import Check
-from neural_strands.cli.evaluate import Evaluate
-from neural_strands.cli.fit import Fit, say
-from neural_strands.cli.synthesize import Synthesize
+from neural_strands.cli.commands.check import Check
+from neural_strands.cli.commands.evaluate import Evaluate
+from neural_strands.cli.commands.fit import Fit, say
+from neural_strands.cli.commands.synthesize import Synthesize
 from neural_strands.foundation.files import atomic_file
 
 
