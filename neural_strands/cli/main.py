@@ -46,12 +46,8 @@ COMMANDS = {
     "lmvs": Entry("lmvs:Lmvs", "line-based multi-view stereo alone"),
     "synthesize": Entry("synthesize:Synthesize", "render a capture with true strands"),
     "train-prior": Entry("train_prior:TrainPrior", "train the strand prior"),
-    "prior-report": Entry(
-        "neural_strands.cli.commands.prior_report:PriorReport", "say how well the prior keeps a groom"
-    ),
-    "prior-traverse": Entry(
-        "neural_strands.cli.commands.prior_traverse:PriorTraverse", "draw the prior's latent space"
-    ),
+    "prior-report": Entry("prior_report:PriorReport", "say how well the prior keeps a groom"),
+    "prior-traverse": Entry("prior_traverse:PriorTraverse", "draw the prior's latent space"),
 }
 """The commands, in the order in which help lists them."""
 
