@@ -105,7 +105,9 @@ def test_a_whole_run_from_photographs_to_scores(folder, tmp_path, emulated):
     assert on_device(state.drawn)
     result = evaluate_run(open_run(tmp_path / "run", emulated), emulated)
     assert result.ours[-1].unsigned.as_dict()
-    assert result.views[0].psnr > 0
+    hair = result.views[0].quality.hair
+    assert hair is not None
+    assert hair.psnr > 0
     frames = ["--out", str(tmp_path / "frames"), "--turntable", "2", "--size", "32", "32"]
     assert main(["render", str(tmp_path / "run" / "model"), *frames, "--device", "cuda"]) == 0
     assert len(list((tmp_path / "frames").glob("*.png"))) == 2
