@@ -65,7 +65,7 @@ def wrong_heads(mesh: Mesh, pivot: torch.Tensor) -> dict[str, Mesh]:
 def test_a_head_in_its_place_is_told_from_others():
     (mesh, scalp), views = head(), true_views()
     right = head_agreement(mesh, scalp, views)
-    assert right.scalp_in_hair == 1.0
+    assert right.scalp_in_hair > 0.999  # a rim of pixels
     assert right.skin_in_hair < 0.3
     assert right.head_in_person == 1.0
     assert judge_agreement(right).level == "good"

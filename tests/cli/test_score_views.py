@@ -164,7 +164,7 @@ def nothing(_):
         (lose_rendering, [], "expected a rendering of each of 1 views, found none of 004; name it 004.png"),
         (lose_renderings, ["--every", "3"], "found none of 002 and 1 more"),
         (shrink_rendering, [], "expected 64 x 64 pixels, as its view has, found 64 x 32"),
-        (break_rendering, [], "004.png: expected a PNG or JPEG image"),
+        (break_rendering, [], "004.png: expected an image such as"),
         (double_rendering, [], "found 004.jpg and 004.png; remove all but one"),
         (lose_masks, [], "expected a hair mask of each view, found none of 004"),
         (lose_folder, [], "expected a folder of renderings, found none"),
