@@ -24,9 +24,9 @@ def read_tensors(path: Path, what: str, advice: str) -> Any:
         InputError: the file cannot be read, or holds something else.
     """
     check_file(path, what)
-    # torch's older format, not an archive, takes the sizes that a file claims at their word.
-    whole = zipfile.is_zipfile(path)
     try:
+        # torch's older format, not an archive, trusts the sizes that a file claims. Some damage makes the question fail.
+        whole = zipfile.is_zipfile(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             content = torch.load(path, map_location="cpu", weights_only=True) if whole else None
