@@ -25,7 +25,7 @@ def read_tensors(path: Path, what: str, advice: str) -> Any:
     """
     check_file(path, what)
     try:
-        # torch's older format, not an archive, trusts the sizes that a file claims. Some damage makes the question fail.
+        # torch's older format, not an archive, trusts the sizes that a file claims. Damage can make the question fail.
         whole = zipfile.is_zipfile(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
