@@ -130,10 +130,10 @@ class _Archive:
 
     @contextmanager
     def guarded(self, place: int) -> Iterator[None]:
-        """Turn any failure of another library into the sentence: zipfile, zlib and numpy's header parser have a dozen.
+        """Turn any failure of zipfile, zlib or numpy's header parser into the one sentence.
 
-        They range from BadZipFile and NotImplementedError to TokenError and RecursionError. Nothing of our own
-        belongs into the block.
+        They raise a dozen kinds of error, from BadZipFile to TokenError. Only their calls belong in the block, so that
+        no fault of ours is taken for a damaged file.
         """
         try:
             with warnings.catch_warnings():
