@@ -19,6 +19,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from neural_strands.foundation.errors import InputError, reason
+
 Kernel = Any
 """A `wp.Kernel`, although Warp annotates its decorator as returning the plain function."""
 SMALLEST_SHARE = 1024
@@ -29,7 +31,7 @@ SMALLEST_SHARE = 1024
 def start_warp() -> None:
     """Initialise Warp once and log only errors, because Warp logs to standard output, where results belong."""
     wp.config.log_level = logging.ERROR
-    with _silent_stderr() if not torch.cuda.is_available() else contextlib.nullcontext():
+    with _silent_stderr() if not torch.cuda.is_available() else contextlib.nullcontext(), _writable_cache():
         wp.init()
 
 
@@ -70,9 +72,11 @@ def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.devi
         return
     if device.type == "cuda":
         stream = wp.stream_from_torch(torch.cuda.current_stream(device))
-        wp.launch(kernel, dim=count, inputs=list(inputs), device=_warp_device(device), stream=stream)
+        with _writable_cache():
+            wp.launch(kernel, dim=count, inputs=list(inputs), device=_warp_device(device), stream=stream)
         return
-    wp.launch(kernel, dim=count, inputs=list(inputs), device="cpu")
+    with _writable_cache():
+        wp.launch(kernel, dim=count, inputs=list(inputs), device="cpu")
 
 
 def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
@@ -115,10 +119,28 @@ def run_together(jobs: Sequence[Callable[[], object]]) -> None:
 
 
 def load(kernel: Kernel, device: torch.device | str) -> None:
-    """Compile and load a kernel's module now (cached between processes) rather than at its first launch."""
+    """Compile and load a kernel's module now (cached between processes) rather than at its first launch.
+
+    Raises:
+        InputError: if the compiled kernel cannot be written to Warp's cache.
+    """
     start_warp()
     device = torch.device(device)
-    kernel.module.load("cpu" if device.type == "cpu" else _warp_device(device))
+    with _writable_cache():
+        kernel.module.load("cpu" if device.type == "cpu" else _warp_device(device))
+
+
+@contextlib.contextmanager
+def _writable_cache() -> Iterator[None]:
+    """Tell a disk that cannot take a kernel compiled for the first time from a mistake of ours."""
+    try:
+        yield
+    except OSError as error:
+        cache = error.filename or wp.config.kernel_cache_dir
+        raise InputError(
+            f"{cache}: expected to write compiled kernels here, found {reason(error)}; free some space or set "
+            "WARP_CACHE_PATH to another folder"
+        ) from error
 
 
 def _warp_device(device: torch.device) -> Any:

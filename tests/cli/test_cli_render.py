@@ -1,6 +1,9 @@
 """`render`, run as a user runs it on a small model."""
 
 import json
+import os
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -124,7 +127,22 @@ def test_bad_arguments_are_one_sentence(saved, capsys, words, message, monkeypat
 
 def test_a_full_disk_is_one_sentence_and_leaves_no_broken_image(saved, tmp_path, capsys):
     out = tmp_path / "views"
+    rendering = ["render", str(saved), "--turntable", "1", "--out"]
+    assert main([*rendering, str(tmp_path / "before")]) == 0  # compiles the kernels
+    capsys.readouterr()
     with smallest_files(100):
-        assert main(["render", str(saved), "--turntable", "1", "--out", str(out)]) == 2
+        assert main([*rendering, str(out)]) == 2
     assert "cannot be written" in capsys.readouterr().err.splitlines()[-1]
     assert not list(out.glob("*.png"))
+
+
+def test_kernels_that_cannot_be_stored_are_one_sentence(saved, tmp_path):
+    blocked = tmp_path / "cache"
+    blocked.write_text("a file where the folder belongs")
+    words = ["render", str(saved), "--turntable", "1", "--out", str(tmp_path / "views")]
+    environment = {**os.environ, "WARP_CACHE_PATH": str(blocked)}
+    run = [sys.executable, "-m", "neural_strands", *words]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "WARP_CACHE_PATH" in done.stderr
+    assert done.stderr.count("\n") == 1
