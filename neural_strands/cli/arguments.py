@@ -1,14 +1,17 @@
 """From words to a command: tyro parses them, and whatever it complains about becomes one sentence."""
 
 import contextlib
+import dataclasses
 import difflib
 import io
 import re
+import typing
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import tyro
 
+from neural_strands.foundation.configs import check_field
 from neural_strands.foundation.errors import InputError
 
 C = TypeVar("C")
@@ -26,6 +29,8 @@ REWORDED = (
         r"Error parsing (\S+): no type matching (.+?) could be instantiated from \[(.*?)\].*",
         r"\1: expected \2, found \3",
     ),
+    (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.+)", r"\1: expected a whole number, found \2"),
+    (r"Error parsing (\S+): could not convert string to float: (.+)", r"\1: expected a number, found \2"),
     (r"Unrecognized options: (.*)", r"\1: expected no further words, found these"),
     (r"expected \{(.+?)\}", r"expected \1"),
     (r"expected INT,", "expected a whole number,"),
@@ -48,12 +53,28 @@ def parse(command: type[C], prog: str, words: Sequence[str]) -> C | None:
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            return _parse(command, prog, words)
+            parsed = _parse(command, prog, words)
+            check_numbers(parsed)
+            return parsed
     except SystemExit as stop:
         if not stop.code:
             return None
     sentence = _unknown_option(command, prog, words) or _reworded(complaint.getvalue())
     raise InputError(f"{sentence}; `{prog} --help` says what it takes.")
+
+
+def check_numbers(command: object) -> None:
+    """Refuse numbers of a command outside the bounds that its fields declare; all numbers must be finite.
+
+    Raises:
+        InputError: one sentence that names the option.
+    """
+    hints = typing.get_type_hints(type(command), include_extras=True)
+    for each in dataclasses.fields(cast(Any, command)):
+        value = getattr(command, each.name)
+        first = value[0] if isinstance(value, tuple) and value else value
+        if isinstance(first, int | float) and not isinstance(first, bool):
+            check_field(hints[each.name], value, f"--{each.name.replace('_', '-')}")
 
 
 def _parse(command: type[C], prog: str, words: Sequence[str]) -> C:

@@ -6,6 +6,7 @@ Little is imported here, and nothing slow: what a command needs is loaded where 
 import importlib
 import sys
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from neural_strands import __version__
@@ -95,9 +96,8 @@ def _parse(command: str, words: list[str]) -> Command | None:
 
     keep_freed_memory()
     module, _, name = COMMANDS[command].location.partition(":")
-    return parse(
-        getattr(importlib.import_module(f"neural_strands.cli.commands.{module}"), name), f"{PROGRAM} {command}", words
-    )
+    kind = getattr(importlib.import_module(f"neural_strands.cli.commands.{module}"), name)
+    return getattr(kind, "parse", partial(parse, kind))(f"{PROGRAM} {command}", words)
 
 
 def _help() -> str:

@@ -1,13 +1,16 @@
 """Settings of a fit: sizes, weights, rates; and the presets of the command line."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal, get_args
 
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY
 from neural_strands.fitting.first_strands import InitialConfig
 from neural_strands.fitting.losses import ChamferConfig
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.trimap import TrimapConfig
+from neural_strands.foundation.configs import Between, check_config, config_from_json, read_settings
+from neural_strands.foundation.errors import InputError, excerpt
 from neural_strands.lmvs.growth import GrowthConfig
 from neural_strands.lmvs.reconstruct import LmvsConfig
 from neural_strands.model.hair_model import HairModelConfig
@@ -15,6 +18,11 @@ from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 
 Preset = Literal["demo", "fast", "paper"]
+
+LARGEST_TEXTURE = 2**28
+"""Most numbers in a scalp texture: one gigabyte, and three more for its gradient and Adam's moments."""
+LARGEST_STRANDS = 2**28
+"""Most coordinates of all strands together."""
 
 KNOTTED = ScalpTextureConfig(appearance_size=256, appearance_knots=4)
 """As many numbers as the paper's appearance texture, but four descriptors along each strand instead of finer texels."""
@@ -28,20 +36,20 @@ class FitWeights:
     means are 1 for geometry and 1e-3 Q / P for image and alpha.
     """
 
-    geometry: float = 1.0
+    geometry: Annotated[float, Between(0, 1e6)] = 1.0
     """Two-way Chamfer against the line segments, distances in `ChamferConfig.unit`."""
-    render: float = 1.0
+    render: Annotated[float, Between(0, 1e6)] = 1.0
     """Squared colour error."""
-    perceptual: float = 0.04
+    perceptual: Annotated[float, Between(0, 1e6)] = 0.04
     """LPIPS, within the rendering loss (the paper: 0.1, with a sum over pixels)."""
-    alpha: float = 0.5
+    alpha: Annotated[float, Between(0, 1e6)] = 0.5
     """Squared opacity error on the trimap."""
-    head: float = 1.0
+    head: Annotated[float, Between(0, 1e6)] = 1.0
     """Depth of strands inside the head."""
-    first: float = 0.05
+    first: Annotated[float, Between(0, 1e6)] = 0.05
     """Distance of strands from their start, if they are traced. Segments are sparse, and without this term strands
     gather at them and leave gaps between."""
-    shape_from_image: float = 0.05
+    shape_from_image: Annotated[float, Between(0, 1e6)] = 0.05
     """Factor of image and alpha gradients that reach the shape texture; 0 leaves the shape to the geometric loss."""
 
 
@@ -49,13 +57,13 @@ class FitWeights:
 class FitRates:
     """Adam's learning rates before the schedule's factor."""
 
-    shape: float = 4e-3
+    shape: Annotated[float, Between(0, 10)] = 4e-3
     """Z_g, in units of the prior's latent (about 1 across hair)."""
-    appearance: float = 5e-3
+    appearance: Annotated[float, Between(0, 10)] = 5e-3
     """Z_a."""
-    network: float = 2e-3
+    network: Annotated[float, Between(0, 10)] = 2e-3
     """Weights of the UNet and the point shader."""
-    surround: float = 1e-3
+    surround: Annotated[float, Between(0, 10)] = 1e-3
     """Colours of body and background."""
 
 
@@ -63,34 +71,34 @@ class FitRates:
 class FitConfig:
     """The resolved settings of one fit, saved with its results and compared on resume."""
 
-    steps: int = 5000
+    steps: Annotated[int, Between(1, 10_000_000)] = 5000
     """Number of optimisation steps."""
-    strands: int = 10_000
+    strands: Annotated[int, Between(1, 1_000_000)] = 10_000
     """Strands in the result, one per root."""
-    strands_per_step: int = 2500
+    strands_per_step: Annotated[int, Between(1, 1_000_000)] = 2500
     """Strands whose shape one step updates."""
-    step_points: int = 50
+    step_points: Annotated[int, Between(2, 1000)] = 50
     """Points per strand in the geometric loss (the result has `model.points`)."""
-    targets_per_step: int = 60_000
+    targets_per_step: Annotated[int, Between(1, 10_000_000)] = 60_000
     """Points of the line segments that one step sees."""
-    crop: int = 160
+    crop: Annotated[int, Between(16, 8192)] = 160
     """Side of the square image region of one step, pixels; images no larger are taken whole."""
-    margin: int = 8
+    margin: Annotated[int, Between(0, 1000)] = 8
     """Pixels at a region's border that carry no loss."""
-    largest_gradient: float = 0.05
+    largest_gradient: Annotated[float, Between(1e-9, 1e6)] = 0.05
     """Norm to which the gradient of the networks is clipped."""
-    views_per_step: int = 1
+    views_per_step: Annotated[int, Between(1, 1000)] = 1
     """Image regions per step, divided between processes."""
-    shape_every: int = 8
+    shape_every: Annotated[int, Between(0, 1_000_000)] = 8
     """After the geometry-only phase the shape moves once in this many steps; other steps train only the appearance. 0:
     never."""
-    hold_out_every: int = HOLD_OUT_EVERY
+    hold_out_every: Annotated[int, Between(0, 1_000_000)] = HOLD_OUT_EVERY
     """One view in this many is held out for evaluation and seen by nothing else; 0 holds out none."""
     initialise: Literal["flow", "mean"] = "flow"
     """First strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
-    clearance: float = 0.001
+    clearance: Annotated[float, Between(0, 1)] = 0.001
     """Distance that strands keep from the head, metres."""
-    seed: int = 0
+    seed: Annotated[int, Between(0, 2**32 - 1)] = 0
     """Seed of everything random."""
     weights: FitWeights = field(default_factory=FitWeights)
     """Weights of the losses."""
@@ -117,8 +125,14 @@ class FitConfig:
     """Textures, UNet, body and background."""
 
 
-def preset(name: Preset) -> FitConfig:
-    """The settings of a preset: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU."""
+def preset(name: str) -> FitConfig:
+    """The settings of a preset: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU.
+
+    Raises:
+        InputError: no preset has that name.
+    """
+    if name not in get_args(Preset):
+        raise InputError(f"--preset: expected one of {', '.join(get_args(Preset))}, found {excerpt(name)}.")
     small = HairModelConfig(
         textures=ScalpTextureConfig(shape_size=128, appearance_size=128, appearance_knots=4),
         unet=UNetConfig(widths=(12, 24, 32)),
@@ -141,3 +155,45 @@ def preset(name: Preset) -> FitConfig:
         ),
     }
     return configs[name]
+
+
+def read_fit_config(path: Path, base: FitConfig) -> FitConfig:
+    """Read settings from the `run.json` of a run, or from JSON or TOML that gives some and leaves the rest to `base`.
+
+    Raises:
+        InputError: the file cannot be read, or a setting in it is unknown, of the wrong type or out of bounds.
+    """
+    document = read_settings(path)
+    config = config_from_json(base, document.member("config") if "format" in document.members() else document)
+    check_fit_config(config, str(path))
+    return config
+
+
+def check_fit_config(config: FitConfig, source: str = "config") -> None:
+    """Refuse settings that no fit can run with.
+
+    Args:
+        config: the settings.
+        source: where they come from, for messages: a file or an option.
+
+    Raises:
+        InputError: names the first such setting.
+    """
+    check_config(config, source)
+    textures, smallest = config.model.textures, 2 * config.margin + config.model.unet.stride
+    if config.crop < smallest:
+        expected = f"at least {smallest} pixels (two margins and a pixel of the coarsest level)"
+        raise InputError(f"{source}: crop: expected {expected}, found {config.crop}; give another value.")
+    sizes = {
+        "model.textures.shape_size": (textures.shape_size**2 * textures.shape_channels, LARGEST_TEXTURE),
+        "model.textures.appearance_size": (
+            textures.appearance_size**2 * textures.appearance_channels * textures.appearance_knots,
+            LARGEST_TEXTURE,
+        ),
+        "strands": (config.strands * config.model.points * 3, LARGEST_STRANDS),
+    }
+    for name, (found, most) in sizes.items():
+        if found > most:
+            raise InputError(
+                f"{source}: {name}: expected {most} numbers in all or fewer, found {found}; make it smaller."
+            )

@@ -7,11 +7,13 @@ what the paper's weights become.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.point_queries import nearest
@@ -24,12 +26,12 @@ Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height wi
 class ChamferConfig:
     """How generated points and segments are compared."""
 
-    radius: float = 0.02
+    radius: Annotated[float, Between(1e-5, 10)] = 0.02
     """Farthest neighbour that counts, metres."""
-    surface_radius: float = 0.0015
+    surface_radius: Annotated[float, Between(1e-5, 10)] = 0.0015
     """Generated points farther than this from every segment count as hidden and are not pulled to the surface,
     metres."""
-    unit: float = 0.002
+    unit: Annotated[float, Between(1e-5, 10)] = 0.002
     """The distance that costs as much as a direction error of 90 degrees, metres."""
     signed: bool = False
     """Whether a direction opposite to that of its segment counts as wrong."""

@@ -2,6 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
+
+from neural_strands.foundation.configs import Between
 
 
 @dataclass(frozen=True)
@@ -11,22 +14,22 @@ class ScheduleConfig:
     The defaults are for a fit that starts from the mean strand everywhere, as the paper's does.
     """
 
-    widest_blur: float = 16.0
+    widest_blur: Annotated[float, Between(0, 256)] = 16.0
     """Deviation in texels of the Gaussian that blurs the gradient of the shape texture at the first step."""
-    blur_until: float = 0.5
+    blur_until: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which the gradient is no longer blurred."""
-    release_until: float = 0.3
+    release_until: Annotated[float, Between(0, 1)] = 0.3
     """Fraction of the steps after which the whole strand is free; before that, only the part nearest the root is."""
-    geometry_only: float = 0.3
+    geometry_only: Annotated[float, Between(0, 1)] = 0.3
     """Fraction of the steps during which rendering and alpha losses have no weight (the paper: 1,000 steps)."""
-    appearance_blur: float = 3.0
+    appearance_blur: Annotated[float, Between(0, 256)] = 3.0
     """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture: strands that few views see
     learn from their neighbours."""
-    perceptual_from: float = 0.5
+    perceptual_from: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which the perceptual loss counts; earlier it is expensive and has little effect."""
-    warmup: int = 50
+    warmup: Annotated[int, Between(0, 10_000_000)] = 50
     """Steps over which learning rates rise from zero."""
-    final_rate: float = 0.1
+    final_rate: Annotated[float, Between(0, 1)] = 0.1
     """Learning rate at the last step, as a fraction of the first."""
 
 

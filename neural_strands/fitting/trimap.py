@@ -1,12 +1,14 @@
 """Where the alpha map is known: certain hair, certain background, and an unsupervised band (paper, "Alpha Loss")."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.rectangle import Rectangle
 
 
@@ -14,9 +16,9 @@ from neural_strands.geometry.rectangle import Rectangle
 class TrimapConfig:
     """Sizes of the morphological steps, for an image of any size."""
 
-    dilation: float = 0.008
+    dilation: Annotated[float, Between(0, 1)] = 0.008
     """Radius by which the mask grows before what lies outside counts as empty, as a fraction of the diagonal."""
-    erosion: float = 0.012
+    erosion: Annotated[float, Between(0, 1)] = 0.012
     """Radius by which the grown mask shrinks before what is left counts as opaque, as the same fraction."""
     mattes: bool = True
     """Whether hair masks are mattes, giving the share of each pixel that is hair; otherwise trimaps are made from

@@ -7,6 +7,7 @@ Its speed, which is the density of the hair, is free; its directions stay as clo
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -15,6 +16,7 @@ from torch.nn import functional
 
 from neural_strands.flow.faces import behind_faces, face_neighbours
 from neural_strands.flow.field import FlowField
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
@@ -22,17 +24,17 @@ from neural_strands.geometry.voxel_grid import VoxelGrid
 class ConservationConfig:
     """The alternating projections and their solver."""
 
-    rounds: int = 4
+    rounds: Annotated[int, Between(0, 100)] = 4
     """Projections: onto flows without divergence and, between two, onto the directions given; 0 leaves them alone."""
-    least_speed: float = 0.2
+    least_speed: Annotated[float, Between(0, 1)] = 0.2
     """Smallest speed after the second projection, as a share of the mean; a flow at rest has no direction."""
-    most_speed: float = 5.0
+    most_speed: Annotated[float, Between(1, 1e6)] = 5.0
     """Largest speed after the second projection, as a share of the mean."""
-    way_out: float = 0.5
+    way_out: Annotated[float, Between(-1, 1)] = 0.5
     """Hair leaves the volume where the cosine between its direction and the outward direction exceeds this."""
-    tolerance: float = 0.01
+    tolerance: Annotated[float, Between(1e-9, 1)] = 0.01
     """Divergence at which a projection ends, as a share of that of the first."""
-    iterations: int = 400
+    iterations: Annotated[int, Between(1, 1_000_000)] = 400
     """Largest number of conjugate gradient steps in a projection."""
 
 

@@ -5,6 +5,7 @@ with both: the mean of its neighbours, with the segments' directions fixed and t
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float
@@ -12,6 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neural_strands.flow.faces import face_neighbours
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.voxel_grid import VoxelGrid
@@ -24,18 +26,18 @@ MOST_VOXELS = 50_000_000
 class FlowConfig:
     """The volume and its diffusion."""
 
-    spacing: float = 0.002
+    spacing: Annotated[float, Between(1e-5, 1)] = 0.002
     """Edge of a voxel, metres."""
-    margin: float = 0.02
+    margin: Annotated[float, Between(0, 1)] = 0.02
     """Margin of the box around segments and roots, metres."""
-    iterations: int = 25
+    iterations: Annotated[int, Between(0, 100_000)] = 25
     """Jacobi sweeps after the multigrid start. They smooth over about the square root of their number in voxels: with
     none, the steps of the start remain; many blur the differences between layers of hair."""
-    normal_pull: float = 0.5
+    normal_pull: Annotated[float, Between(0, 1)] = 0.5
     """Weight of the scalp's normal, against the flow above it, in the direction next to the scalp; 0 to 1."""
-    scalp_layer: float = 0.003
+    scalp_layer: Annotated[float, Between(0, 1)] = 0.003
     """Thickness in metres of the layer that the scalp pulls."""
-    least_confidence: float = 0.3
+    least_confidence: Annotated[float, Between(0, 1)] = 0.3
     """Segment points less confident than this are ignored; half of all points have 0.5 or more, guesses have 0.1."""
 
 

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.visual_hull import HeadView, Silhouette, visual_hull
@@ -17,11 +19,11 @@ from neural_strands.geometry.voxel_grid import VoxelGrid
 class HullConfig:
     """How strictly a view declares voxels empty."""
 
-    mask_threshold: float = 0.2
+    mask_threshold: Annotated[float, Between(0, 1)] = 0.2
     """A pixel whose hair coverage is below this, with all its neighbours, shows no hair."""
-    mask_margin: float = 0.0015
+    mask_margin: Annotated[float, Between(0, 1)] = 0.0015
     """Metres by which the masks are widened, for calibration errors and stray hairs."""
-    head_depth: float = 0.002
+    head_depth: Annotated[float, Between(0, 1)] = 0.002
     """Metres below the head's surface at which hair is impossible."""
 
 

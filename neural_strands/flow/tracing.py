@@ -1,6 +1,7 @@
 """First strands: streamlines of the flow from the scalp outwards."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
@@ -8,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neural_strands.flow.field import FlowField
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.resample import resample_polyline_lengths
 
 
@@ -15,15 +17,15 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 class TraceConfig:
     """The integration of streamlines."""
 
-    step: float = 0.0015
+    step: Annotated[float, Between(1e-5, 1)] = 0.0015
     """Arc length of one midpoint (second order Runge-Kutta) step, metres."""
-    longest: float = 0.6
+    longest: Annotated[float, Between(1e-4, 10)] = 0.6
     """Length at which every strand ends, metres."""
-    shortest: float = 0.01
+    shortest: Annotated[float, Between(0, 10)] = 0.01
     """Length below which a strand is continued along its last direction, metres."""
-    grace: float = 0.01
+    grace: Annotated[float, Between(0, 10)] = 0.01
     """Arc length from the root within which leaving the hair volume does not end a strand, metres."""
-    points: int = 100
+    points: Annotated[int, Between(2, 10_000)] = 100
     """Points of each resulting strand."""
 
 

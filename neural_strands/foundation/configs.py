@@ -1,16 +1,24 @@
-"""Config dataclasses from JSON: every field is checked for its type and, where it sizes something, for its bounds."""
+"""Config dataclasses from JSON or TOML: every field is checked for its type and, where it has them, for its bounds."""
 
 import dataclasses
+import difflib
 import math
+import tomllib
 import types
 import typing
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar, cast
 
-from neural_strands.foundation.json_files import JsonValue
+from neural_strands.foundation.errors import InputError, reason
+from neural_strands.foundation.input_files import read_text
+from neural_strands.foundation.json_files import JsonValue, read_json
 
 LONGEST_TUPLE = 64
 """Most elements of a tuple that declares no bounds of its own."""
+
+LARGEST_FILE = 2**20
+"""Bytes of the largest file of settings."""
 
 C = TypeVar("C")
 
@@ -34,48 +42,91 @@ ANY_FLOAT = Between(-math.inf, math.inf)
 """What a float may be that declares no bounds; it is finite in any case."""
 
 
-def config_from_json(kind: type[C], written: JsonValue) -> C:
+def config_from_json(base: C | type[C], written: JsonValue) -> C:
     """Rebuild a config dataclass, nested ones included, from `dataclasses.asdict` after a round trip through JSON.
 
-    A field that the document does not have takes its default.
+    A field that the document does not have keeps its value in `base`, or takes its default.
 
     Args:
-        kind: the dataclass; its fields are booleans, numbers, texts, literals, tuples, dataclasses, or one of these or
-            None.
+        base: the dataclass, or an instance whose values stay where the document says nothing. Fields are booleans,
+            numbers, texts, literals, tuples, dataclasses, or one of these or None.
         written: the document or a part of it.
 
     Raises:
         InputError: a field that the dataclass does not have, or a value of another type or beyond its bounds.
     """
+    kind = cast(Any, base if isinstance(base, type) else type(base))
     hints = typing.get_type_hints(kind, include_extras=True)
     members = written.members()
     for name, member in members.items():
         if name not in hints:
-            raise member.refuse(f"a setting that {kind.__name__} has")
-    values = {name: _value(hints[name], member) for name, member in members.items()}
+            near = difflib.get_close_matches(name, hints, 1, 0)[0]
+            raise member.refuse(f"a setting that {kind.__name__} has, such as {near}")
+    values = {name: _value(hints[name], member, base=getattr(base, name, None)) for name, member in members.items()}
     try:
-        return kind(**values)
+        return kind(**values) if isinstance(base, type) else replace(cast(Any, base), **values)
     except (TypeError, ValueError) as error:
         raise written.refuse(f"settings that {kind.__name__} takes ({error})") from error
 
 
-def _value(hint: Any, written: JsonValue, bounds: Between | None = None) -> Any:
-    """Take a value of the type that a field declares."""
+def check_config(config: object, source: str) -> None:
+    """Refuse a config, made in Python, with a value of the wrong type or out of bounds.
+
+    Raises:
+        InputError: one sentence that names `source` and the first setting that is wrong.
+    """
+    written = JsonValue(_plain(dataclasses.asdict(cast(Any, config))), source, advice="give another value")
+    config_from_json(type(config), written)
+
+
+def check_field(hint: Any, value: object, source: str) -> None:
+    """Refuse a value of another type than a field declares, or beyond its bounds.
+
+    Raises:
+        InputError: one sentence that names `source`.
+    """
+    _value(hint, JsonValue(_plain(value), source, advice="give another value"))
+
+
+def read_settings(path: Path) -> JsonValue:
+    """Read a file of settings, TOML if its name ends in .toml and JSON otherwise.
+
+    Raises:
+        InputError: the file cannot be read, or is not of that format.
+    """
+    if path.suffix.lower() != ".toml":
+        return read_json(path, "settings", most=LARGEST_FILE)
+    try:
+        return JsonValue(tomllib.loads(read_text(path, "settings", LARGEST_FILE)), str(path))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        found = f"something else ({reason(error)})"
+        raise InputError(f"{path}: expected settings as TOML, found {found}; fix the file.") from error
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON would hold it."""
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+
+
+def _value(hint: Any, written: JsonValue, bounds: Between | None = None, base: Any = None) -> Any:
+    """Take a value of the type that a field declares; `base` is the nested config that it changes, if any."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Annotated:
         declared = next((extra for extra in arguments[1:] if isinstance(extra, Between)), bounds)
-        return _value(arguments[0], written, declared)
+        return _value(arguments[0], written, declared, base)
     if origin in (typing.Union, types.UnionType):
         if written.value is None and type(None) in arguments:
             return None
         (hint,) = (argument for argument in arguments if argument is not type(None))
-        return _value(hint, written, bounds)
+        return _value(hint, written, bounds, base)
     if origin is typing.Literal:
         return written.choice(arguments)
     if origin is tuple:
         return _tuple(arguments, written, bounds)
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return config_from_json(hint, written)
+        return config_from_json(hint if base is None else base, written)
     if hint is bool:
         return written.flag()
     if hint is str:

@@ -12,12 +12,13 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.foundation.input_files import has_controls, is_file_path, read_bytes
+
+if TYPE_CHECKING:
+    import numpy as np
 
 LARGEST_JSON = 2**27
 """Bytes of the largest document, after a .gz is unpacked."""
@@ -156,12 +157,14 @@ class JsonValue:
             raise self.refuse("an object in braces")
         return None if self.value.get(key) is None else self._member(key)
 
-    def array(self, *shape: int | None) -> np.ndarray:
+    def array(self, *shape: int | None) -> "np.ndarray":
         """Take nested lists of finite numbers as a float64 array of this shape; None stands for any size.
 
         Raises:
             InputError: something else stands here.
         """
+        import numpy as np
+
         try:
             found = np.array(self.value)
         except (ValueError, OverflowError, RecursionError):

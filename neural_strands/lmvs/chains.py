@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 import warp as wp
@@ -9,6 +10,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs.consistency import OrientedPoints
 from neural_strands.lmvs.fusion import cell_keys
@@ -19,27 +21,27 @@ from neural_strands.lmvs.kernels import chains as chain_kernels
 class ChainConfig:
     """Lengths in pixel footprints, angles in degrees."""
 
-    radius: float = 2.0
+    radius: Annotated[float, Between(0.01, 1000)] = 2.0
     """Reach of the mean shift."""
-    rounds: int = 2
+    rounds: Annotated[int, Between(0, 100)] = 2
     """Mean shifts of every point before chains grow."""
-    angle: float = 25.0
+    angle: Annotated[float, Between(0, 90)] = 25.0
     """Neighbours with a larger angle belong to another strand."""
-    turn: float = 20.0
+    turn: Annotated[float, Between(0, 90)] = 20.0
     """Largest turn of a chain from one point to the next."""
-    step: float = 1.0
+    step: Annotated[float, Between(0.01, 1000)] = 1.0
     """Distance between the points of a chain."""
-    spacing: float = 0.6
+    spacing: Annotated[float, Between(0.01, 1000)] = 0.6
     """Points nearer than this to a chain belong to it and do not start another."""
-    support: float = 0.4
+    support: Annotated[float, Between(0, 1000)] = 0.4
     """Smallest sum of weights around a point of a chain."""
-    steps: int = 24
+    steps: Annotated[int, Between(1, 10_000)] = 24
     """Largest number of points by which a chain grows in each direction."""
-    shortest: int = 3
+    shortest: Annotated[int, Between(2, 10_000)] = 3
     """Chains of fewer points are dropped."""
-    apart: float = 6.0
+    apart: Annotated[float, Between(0.01, 1000)] = 6.0
     """Distance between seeds grown together."""
-    batch: int = 8192
+    batch: Annotated[int, Between(1, 10_000_000)] = 8192
     """Number of seeds grown together."""
 
 

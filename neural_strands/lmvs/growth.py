@@ -7,6 +7,7 @@ of squares is a sparse linear system: diffusion with soft anchors. Strokes are a
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from scipy.sparse.linalg import cg
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import signed_distance
@@ -25,25 +27,25 @@ from neural_strands.geometry.signed_distance import signed_distance
 class GrowthConfig:
     """Weights of the diffusion; lengths are in the spacing of the segments' points unless they say otherwise."""
 
-    reach: float = 12.0
+    reach: Annotated[float, Between(0.1, 1000)] = 12.0
     """Distance within which neighbours are searched."""
-    neighbours: int = 12
+    neighbours: Annotated[int, Between(1, 1000)] = 12
     """Largest number of neighbours of a point."""
-    angle: float = 35.0
+    angle: Annotated[float, Between(0, 90)] = 35.0
     """Neighbours with a larger angle are ignored, degrees."""
-    scalp_reach: float = 0.03
+    scalp_reach: Annotated[float, Between(1e-6, 10)] = 0.03
     """Distance from the head at which its pull falls to 1/e, as a share of the head's size."""
-    scalp: float = 3e-4
+    scalp: Annotated[float, Between(0, 1e6)] = 3e-4
     """Pull to point away from the head; a tie between two segments weighs up to 1.
 
     This and the next are so small that neighbours alone decide which segments point the same way, and these only choose
     between the two signs of a mass of hair. If stronger, they would turn single parts, such as hair that stands up at
     the root before it falls."""
-    gravity: float = 1.5e-5
+    gravity: Annotated[float, Between(0, 1e6)] = 1.5e-5
     """Pull to point downwards."""
-    stroke: float = 100.0
+    stroke: Annotated[float, Between(0, 1e6)] = 100.0
     """Pull of a stroke."""
-    stroke_reach: float = 10.0
+    stroke_reach: Annotated[float, Between(0.01, 1000)] = 10.0
     """Distance up to which a stroke pulls."""
 
 

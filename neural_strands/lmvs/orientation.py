@@ -8,11 +8,14 @@ see streaks of any phase, and the even filter alone would lose half of them.
 import functools
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import scipy.fft
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from neural_strands.foundation.configs import Between
 
 LUMA = (0.299, 0.587, 0.114)
 """Rec. 601 weights of red, green and blue."""
@@ -22,21 +25,21 @@ LUMA = (0.299, 0.587, 0.114)
 class OrientationConfig:
     """The filter bank."""
 
-    angles: int = 24
+    angles: Annotated[int, Between(4, 180)] = 24
     """Filters between 0 and pi; the peak is found to a fraction of their spacing."""
-    scales: tuple[float, ...] = (1.0,)
+    scales: tuple[Annotated[float, Between(0.1, 100)], ...] = (1.0,)
     """Sizes of the filters, as multiples of the lengths below; responses are summed."""
-    along: float = 4.0
+    along: Annotated[float, Between(0.1, 100)] = 4.0
     """Standard deviation of the window along the filter's line, pixels."""
-    across: float = 1.8
+    across: Annotated[float, Between(0.1, 100)] = 1.8
     """Standard deviation of the window across it, pixels."""
-    wavelength: float = 4.0
+    wavelength: Annotated[float, Between(0.1, 100)] = 4.0
     """Wavelength of the filter's carrier, pixels."""
-    window: float = 2.5
+    window: Annotated[float, Between(0, 100)] = 2.5
     """Standard deviation of the window over which energy is averaged, pixels; 0 for none."""
-    fine: float = 0.4
+    fine: Annotated[float, Between(0.1, 100)] = 0.4
     """Inner standard deviation of the difference of Gaussians, pixels."""
-    coarse: float = 10.0
+    coarse: Annotated[float, Between(0.1, 1000)] = 10.0
     """Outer standard deviation of the difference of Gaussians, pixels."""
 
 

@@ -8,6 +8,7 @@ black half sweeps, coarse to fine. A line is compared between views along itself
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 import warp as wp
@@ -15,6 +16,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels as launches
+from neural_strands.foundation.configs import Between
 from neural_strands.lmvs.features import Features, ray_angle
 from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
 from neural_strands.lmvs.kernels.ribbons import MOST_NEIGHBOURS, MOST_SAMPLES, Patch
@@ -31,21 +33,21 @@ KNIGHT = ((0, -3), (0, 3), (-3, 0), (3, 0))
 class Level:
     """One step from coarse to fine."""
 
-    stride: int
+    stride: Annotated[int, Between(1, 64)]
     """Spacing of the pixels that are solved, in x and y."""
-    sweeps: int
+    sweeps: Annotated[int, Between(0, 100)]
     """Red and black sweeps."""
-    trials: int
+    trials: Annotated[int, Between(0, 100)]
     """Perturbations per pixel and sweep."""
-    along: int
+    along: Annotated[int, Between(0, 64)]
     """Samples to each side along the line."""
-    across: int
+    across: Annotated[int, Between(0, 64)]
     """Samples to each side across it."""
-    step: float
+    step: Annotated[float, Between(0.01, 100)]
     """Distance of samples, pixels."""
-    depth_range: float
+    depth_range: Annotated[float, Between(0, 1000)]
     """Largest perturbation of the depth, pixel footprints."""
-    angle_range: float
+    angle_range: Annotated[float, Between(0, 2)]
     """Largest perturbation of the direction, on the unit sphere."""
 
     def __post_init__(self) -> None:
@@ -68,20 +70,20 @@ class PatchMatchConfig:
 
     levels: tuple[Level, ...] = LEVELS
     """Coarse to fine."""
-    depth_step: float = 3.2
+    depth_step: Annotated[float, Between(0.1, 1000)] = 3.2
     """Spacing of the depths that the first sweep tries, pixel footprints."""
-    smooth: float = 1.0
+    smooth: Annotated[float, Between(0, 100)] = 1.0
     """Standard deviation over which the first sweep's costs are averaged between pixels, in strides of the first level.
 
     A single ribbon of sub-pixel hair says little about depth; a neighbourhood agrees on the surface of the hair to
     within a few millimetres."""
-    sink: float = 0.05
+    sink: Annotated[float, Between(0, 1)] = 0.05
     """Cost of the largest depth behind the hull's surface; hair seen through a gap is the rarer case."""
-    shallow: float = 0.2
+    shallow: Annotated[float, Between(0, 1)] = 0.2
     """Share of that depth which costs nothing."""
-    intensity: float = 0.5
+    intensity: Annotated[float, Between(0, 1)] = 0.5
     """Weight of 1 - NCC against the orientation's cost."""
-    best: int = 6
+    best: Annotated[int, Between(1, MOST_NEIGHBOURS)] = 6
     """Number of best neighbours whose mean is the cost of a line."""
 
 

@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
@@ -51,33 +52,33 @@ class LmvsConfig:
     """Lines of a view."""
     chains: ChainConfig = field(default_factory=ChainConfig)
     """Segments."""
-    least_baseline: float = 8.0
+    least_baseline: Annotated[float, Between(0, 180)] = 8.0
     """Smallest angle between neighbour views, seen from the hair, degrees."""
-    thickness: float = 0.3
+    thickness: Annotated[float, Between(0.001, 10)] = 0.3
     """Search depth behind the hull's surface, as a share of the radius in which hair is seen."""
-    voxel: float = 3.0
+    voxel: Annotated[float, Between(0.5, 1000)] = 3.0
     """Voxel of the hull, pixel footprints."""
-    confirming: float = 2.0
+    confirming: Annotated[float, Between(0, 100)] = 2.0
     """Other views that must confirm a line; each counts from 1 (the same line) to 0 (off by the limits below)."""
-    distance: float = 6.0
+    distance: Annotated[float, Between(0.01, 1000)] = 6.0
     """Within what distance, pixel footprints."""
-    angle: float = 25.0
+    angle: Annotated[float, Between(0, 90)] = 25.0
     """Within what angle, degrees."""
     complete: Complete = "auto"
     """Whether lines that no other view confirms fill the gaps between those that are. `auto`: where confirmed segments
     reach less than `filled` of the room for hair. Never without masks, because much of what is seen is not hair."""
-    filled: float = 1 / 3
+    filled: Annotated[float, Between(0, 1)] = 1 / 3
     """Share of the room that masks and head leave for hair which confirmed segments should reach."""
-    reach: float = 3e-3
+    reach: Annotated[float, Between(1e-6, 1)] = 3e-3
     """Distance within which a segment reaches a position, metres: the largest thickness of hair above it."""
-    gap: float = 3.0
+    gap: Annotated[float, Between(0.1, 1000)] = 3.0
     """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one."""
-    dropped: float = 0.25
+    dropped: Annotated[float, Between(0, 1)] = 0.25
     """Share of these guesses, the worst, that is dropped."""
-    apart: float = 0.03
+    apart: Annotated[float, Between(0, 1)] = 0.03
     """Without masks: distance at which masses of segments are separate, as a share of the radius in which hair is
     seen."""
-    speck: float = 0.15
+    speck: Annotated[float, Between(0, 1)] = 0.15
     """Without masks: a mass with less than this share of the points of the largest is not hair."""
 
 

@@ -32,7 +32,7 @@ class SurroundConfig:
     """Texels per side of the body's texture, if the mesh has texture coordinates."""
     background_texture: Annotated[int, Between(1, 4096)] = 64
     """Texels from pole to pole of the background sphere; twice as many around it."""
-    background_radius: float = 10.0
+    background_radius: Annotated[float, Between(1e-3, 1e6)] = 10.0
     """Radius of the background sphere, metres."""
 
 

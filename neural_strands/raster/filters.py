@@ -24,9 +24,9 @@ class LowPass:
     """Number of coefficients; even, because the samples of the two grids are half a fine sample apart."""
     factor: Annotated[int, Between(1, 16)] = 2
     """Fine samples per coarse sample."""
-    cutoff: float = 0.45
+    cutoff: Annotated[float, Between(1e-6, 64)] = 0.45
     """Frequency of half amplitude, cycles per coarse sample; 0.5 is the coarse grid's Nyquist frequency."""
-    transition: float = 0.3
+    transition: Annotated[float, Between(1e-6, 64)] = 0.3
     """Full width of the transition band, cycles per coarse sample."""
 
     def __post_init__(self) -> None:

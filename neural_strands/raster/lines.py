@@ -11,6 +11,7 @@ infinite is not drawn.
 
 import functools
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 import warp as wp
@@ -18,6 +19,7 @@ from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
+from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
 from neural_strands.raster.kernels import keys as key_kernels
 from neural_strands.raster.kernels import line_batches as line_batch_kernel
@@ -32,13 +34,13 @@ have a kernel of their own."""
 class LineConfig:
     """How strands are drawn."""
 
-    near: float = 0.01
+    near: Annotated[float, Between(1e-9, 1e6)] = 0.01
     """Distance of the near plane from the camera, metres."""
-    occluder_bias: float = 0.002
+    occluder_bias: Annotated[float, Between(0, 1)] = 0.002
     """How far behind an occluder's surface hair still shows, metres, so that hair on the skin does not flicker."""
-    width: float = 0.0
+    width: Annotated[float, Between(0, 1)] = 0.0
     """Width of strands, metres; 0 draws them one pixel wide at any distance."""
-    tip: float = 0.0
+    tip: Annotated[float, Between(0, 1)] = 0.0
     """Share of a strand, at its tip (t = 1), over which it thins to nothing; no effect on lines one pixel wide."""
 
 

@@ -8,6 +8,7 @@ import sys
 import time
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -121,6 +122,24 @@ def test_the_settings_of_stereo_are_part_of_the_run(tiny, capsys):
     capsys.readouterr()
     assert main(fit_arguments(tiny, "--resume")) == 2
     assert_one_sentence(capsys, "format: expected 2, found 1; use the version of neural-strands that wrote it")
+
+
+def test_settings_from_a_file_reach_the_run_and_its_figures_are_printed_as_json(tiny, capsys):
+    (tiny / "settings.toml").write_text("steps = 6\n[weights]\nhead = 2.0\n")
+    words = fit_arguments(tiny, "--config", str(tiny / "settings.toml"), "--config.weights.alpha", "0.3", "--seed", "7")
+    assert main([*words, "--steps", "2", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    stored = read_description(RunFolder(tiny / "run")).config
+    weights = replace(tiny_config().weights, head=2.0, alpha=0.3)
+    assert stored == replace(tiny_config(), steps=2, seed=7, weights=weights)
+    assert figures["strands"] == len(read_groom(Path(figures["files"]["groom"]))) == 200
+    last = json.loads(Path(figures["files"]["log"]).read_text().splitlines()[-1])
+    assert (figures["steps"], figures["last_step"]) == (2, last)
+    again = [*words[:2], str(tiny / "again"), *words[3:5], "--config", str(tiny / "run" / "run.json")]
+    assert main(again) == 0
+    assert read_description(RunFolder(tiny / "again")).config == stored
+    ours, theirs = (read_groom(tiny / name / "groom.npz") for name in ("run", "again"))
+    assert torch.equal(ours.vertices, theirs.vertices)
 
 
 def other_prior(tiny):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import pytest
 
-from neural_strands.foundation.configs import Between, config_from_json
+from neural_strands.foundation.configs import Between, check_config, config_from_json, read_settings
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.json_files import JsonValue
 
@@ -88,3 +88,32 @@ def test_only_plain_fields_are_taken():
 
     with pytest.raises(TypeError, match="bytes"):
         config_from_json(Odd, JsonValue({"folder": "a"}, "a.json"))
+
+
+def test_what_a_document_leaves_out_stays_as_in_the_base():
+    base = Outer(size=4, share=0.25, inner=Inner(widths=(1, 2), up=(1.0, 0.0, 0.0)))
+    changed = config_from_json(base, JsonValue({"share": 1, "inner": {"widths": [8]}}, "a.json"))
+    assert changed == Outer(size=4, share=1.0, inner=Inner(widths=(8,), up=(1.0, 0.0, 0.0)))
+
+
+def test_a_config_made_in_python_is_held_to_the_same_bounds():
+    check_config(Outer(parts=(Inner(),)), "config")
+    for config, message in (
+        (Outer(size=66), "config: size: expected a whole number from 1 to 64, found 66"),
+        (Outer(share=float("nan")), "config: share: expected a finite number from 0.0 to 1.0, found nan"),
+        (Outer(inner=Inner(widths=())), "config: inner.widths: expected a list of 1 to 3 elements"),
+    ):
+        with pytest.raises(InputError) as caught:
+            check_config(config, "config")
+        assert str(caught.value).startswith(message)
+
+
+def test_toml_and_json_say_the_same(tmp_path):
+    (tmp_path / "a.toml").write_text('size = 2\nkind = "two"\n[inner]\nwidths = [1, 2]\n')
+    (tmp_path / "a.json").write_text(json.dumps({"size": 2, "kind": "two", "inner": {"widths": [1, 2]}}))
+    configs = {config_from_json(Outer, read_settings(tmp_path / name)) for name in ("a.toml", "a.json")}
+    assert configs == {Outer(size=2, kind="two", inner=Inner(widths=(1, 2)))}
+    for content in ("size = ", "a" * 2_000_000, "x = " + "[" * 50_000):
+        (tmp_path / "a.toml").write_text(content)
+        with pytest.raises(InputError):
+            read_settings(tmp_path / "a.toml")

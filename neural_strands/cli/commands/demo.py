@@ -13,6 +13,7 @@ from neural_strands.cli.commands.check import Check
 from neural_strands.cli.commands.evaluate import Evaluate
 from neural_strands.cli.commands.fit import Fit, say
 from neural_strands.cli.commands.synthesize import Synthesize
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.files import atomic_file
 
 
@@ -28,15 +29,15 @@ class Demo:
     """Folder of the results."""
     style: Literal["short", "straight", "wavy", "curly"] = "straight"
     """Style of the true groom. Pictures of 256 pixels cannot show waves or curls; raise --resolution for those."""
-    strands: int = 10_000
+    strands: Annotated[int, Between(100, 1_000_000)] = 10_000
     """Strands of the true groom."""
-    views: int = 24
+    views: Annotated[int, Between(4, 1000)] = 24
     """Photographs, every fifth of which is held out."""
-    resolution: int = 256
+    resolution: Annotated[int, Between(32, 8192)] = 256
     """Width and height of the photographs, pixels."""
-    steps: int | None = None
+    steps: Annotated[int, Between(1, 10_000_000)] | None = None
     """Optimisation steps, instead of those of the preset `demo`."""
-    seed: int = 0
+    seed: Annotated[int, Between(0, 2**32 - 1)] = 0
     """Seed of everything random."""
 
     def run(self) -> None:
