@@ -30,7 +30,7 @@ from neural_strands.capture.hold_out import training_views
 from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import fit_prior
 from neural_strands.fitting.schedule import ScheduleConfig
-from neural_strands.fitting.stereo import find_segments
+from neural_strands.fitting.stereo import find_segments, segments_source
 from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.progress import Feedback, track
 from neural_strands.lmvs.files import save_segments
@@ -93,7 +93,8 @@ def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
     path = out / "segments.npz"
     if not path.is_file():
         seen = capture.subset(training_views(len(capture), config.hold_out_every))
-        save_segments(path, find_segments(seen, find_head(capture, None), config, out / "lmvs", track))
+        segments = find_segments(seen, find_head(capture, None), config, out / "lmvs", track)
+        save_segments(path, segments, segments_source(seen, config))
     return path
 
 

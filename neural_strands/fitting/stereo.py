@@ -1,13 +1,17 @@
-"""Line segments of a capture, by line-based multi-view stereo."""
+"""Line segments of a capture by line-based multi-view stereo, and a check of segments that are given instead."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import held_out_views
 from neural_strands.fitting.config import FitConfig
+from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.lmvs.files import SegmentsSource
 from neural_strands.lmvs.growth import orient_segments
 from neural_strands.lmvs.reconstruct import reconstruct
 from neural_strands.scalp.head import Head
@@ -35,3 +39,43 @@ def find_segments(
     views = capture.views_on(device)
     found = reconstruct(views, head.mesh.to(device), config.stereo, random, work, track).to("cpu")
     return orient_segments(found, head.mesh, head.scalp_faces, [], config.growth)
+
+
+def segments_source(capture: Capture, config: FitConfig) -> SegmentsSource:
+    """What `find_segments` makes segments from, for the file that keeps them."""
+    names = tuple(camera.name for camera in capture.cameras)
+    settings = {"stereo": asdict(config.stereo), "growth": asdict(config.growth), "seed": config.seed}
+    return SegmentsSource(names, settings)
+
+
+def check_source(path: Path, source: SegmentsSource | None, capture: Capture, every: int) -> str | None:
+    """Refuse segments made from views that the fit holds out: scores on those views would no longer be honest.
+
+    Args:
+        path: file of the segments.
+        source: what the file says that they were made from, if it does.
+        capture: all views.
+        every: one view in this many is held out; 0 holds out none.
+
+    Returns:
+        A warning, if the file does not say and views are held out.
+
+    Raises:
+        InputError: at least one held-out view was used.
+    """
+    held_out = [capture.cameras[index].name for index in held_out_views(len(capture), every)]
+    if source is None:
+        if not held_out:
+            return None
+        return (
+            f"warning: {path} does not name the views that its segments were made from; if the {len(held_out)} views "
+            "that this fit holds out were among them, its scores are too good."
+        )
+    used = sorted(set(held_out) & set(source.views))
+    if used:
+        raise InputError(
+            f"{path}: expected segments made without the views that the fit holds out, found {len(used)} of these "
+            f"{len(held_out)} among them, {used[0]} first; run lmvs with --hold-out-every {every}, or let the fit "
+            "compute the segments itself."
+        )
+    return None

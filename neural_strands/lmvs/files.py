@@ -1,12 +1,17 @@
 """Segments on disk: npz for programs, PLY for MeshLab and Blender."""
 
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.json_files import parse_json
 from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.line_segments import LineSegments
 
@@ -17,21 +22,45 @@ ARRAYS = (
     ArraySpec("segment_id", "point", np.int64, kinds="iu"),
 )
 """Arrays of the npz file, as LineSegments names them."""
+SOURCE = ArraySpec("source", "byte", np.uint8, kinds="u", required=False)
+"""What the segments were made from: JSON in UTF-8."""
 DIRECTION_TOLERANCE = 0.01
 """How far the length of a stored direction may be from 1."""
+LONGEST_NAME = 4096
+"""Letters of the longest name of a view."""
 
 
-def save_segments(path: Path, segments: LineSegments) -> None:
+@dataclass(frozen=True)
+class SegmentsSource:
+    """What line segments were made from.
+
+    Attributes:
+        views: names of the views that stereo saw.
+        settings: of stereo and growth directions, as JSON has them; kept for the record.
+    """
+
+    views: tuple[str, ...]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def save_segments(path: Path, segments: LineSegments, source: SegmentsSource | None = None) -> None:
     """Write segments as .npz or .ply, by the suffix.
 
     The PLY is binary: vertices x y z, nx ny nz (the direction), confidence, segment_id, and one edge between the
     neighbouring points of each segment.
+
+    Args:
+        path: the file.
+        segments: what to write.
+        source: what they were made from, if known; only npz keeps it.
 
     Raises:
         InputError: another suffix, or the file cannot be written.
     """
     arrays = {spec.name: getattr(segments, spec.name).detach().cpu().numpy() for spec in ARRAYS}
     if path.suffix == ".npz":
+        if source is not None:
+            arrays[SOURCE.name] = np.frombuffer(json.dumps(asdict(source)).encode(), np.uint8)
         with atomic_file(path) as temporary:
             np.savez_compressed(temporary, **arrays)
     elif path.suffix == ".ply":
@@ -62,6 +91,22 @@ def load_segments(path: Path) -> LineSegments:
             found = arrays[name][first].tolist()
             raise InputError(f"{path}: expected {expected}, found {found} at point {first}; run lmvs again.")
     return LineSegments(**{name: torch.from_numpy(array) for name, array in arrays.items()})
+
+
+def load_segments_source(path: Path) -> SegmentsSource | None:
+    """Read what the segments of an npz file were made from; None if the file does not say.
+
+    Raises:
+        InputError: the file cannot be read, or this part of it is damaged.
+    """
+    arrays = read_npz(path, "line segments", (SOURCE,), advice="run lmvs again")
+    if SOURCE.name not in arrays:
+        return None
+    text = arrays[SOURCE.name].tobytes().decode("utf-8", errors="replace")
+    written = parse_json(text, f"{path}: {SOURCE.name}", "the views of line segments", "run lmvs again")
+    views = tuple(name.text(LONGEST_NAME) for name in written.member("views").elements())
+    settings = written.member("settings").members()
+    return SegmentsSource(views, {name: member.value for name, member in settings.items()})
 
 
 def _ply(arrays: dict[str, np.ndarray]) -> bytes:

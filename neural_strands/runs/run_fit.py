@@ -17,10 +17,10 @@ from neural_strands.fitting.fit import FitState, fit
 from neural_strands.fitting.fit_data import FitData, check_inputs, check_views, gather_fit_data
 from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.perceptual import perceptual_loss
-from neural_strands.fitting.stereo import find_segments
+from neural_strands.fitting.stereo import check_source, find_segments, segments_source
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import Feedback
-from neural_strands.lmvs.files import load_segments, save_segments
+from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.runs.forecast import forecast, steps_for
 from neural_strands.runs.outputs import write_outputs, write_preview
@@ -143,6 +143,9 @@ def prepare_run(
     check_views(seen)
     if request.segments is not None and not resuming:
         check_inputs(seen, load_segments(request.segments), head)
+        source = load_segments_source(request.segments)
+        if warning := check_source(request.segments, source, capture, config.hold_out_every):
+            feedback.say(warning)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
     if not resuming:
         cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
@@ -180,13 +183,14 @@ def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> F
     kept = run.folder.segments
     if run.workers.leads and not (run.resuming and kept.is_file()):
         if given is not None:
-            segments = load_segments(given)
+            segments, source = load_segments(given), load_segments_source(given)
         else:
             feedback.say("line-based multi-view stereo over the training views")
             work = run.folder.path / "lmvs"
             segments = find_segments(run.training_capture, run.head, run.config, work, feedback.track, run.device)
             check_inputs(run.training_capture, segments, run.head)
-        save_segments(kept, segments)
+            source = segments_source(run.training_capture, run.config)
+        save_segments(kept, segments, source)
     run.workers.wait()
     return gather_fit_data(run.capture, run.head, load_segments(kept), run.config, run.device)
 

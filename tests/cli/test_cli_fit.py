@@ -24,7 +24,7 @@ from neural_strands.evaluation.oriented_points import sample_strands
 from neural_strands.fitting import config as fit_config
 from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
-from neural_strands.lmvs.files import load_segments, save_segments
+from neural_strands.lmvs.files import SegmentsSource, load_segments, load_segments_source, save_segments
 from neural_strands.prior.vae import load_prior, save_prior
 from neural_strands.runs.run_folder import RunFolder, read_description
 
@@ -181,6 +181,23 @@ def test_segments_that_are_absent_empty_or_of_another_head_leave_no_run(tiny, ca
     assert main(fit_arguments(tiny)) == 2
     assert_one_sentence(capsys, "segments.npz")
     assert not (tiny / "run").exists()
+
+
+def test_segments_made_with_held_out_views_leave_no_run_and_unnamed_views_are_warned_of(tiny, capsys):
+    path = tiny / "segments.npz"
+    segments, names = load_segments(path), [f"{k:03d}.png" for k in range(6)]
+    save_segments(path, segments, SegmentsSource(tuple(names)))
+    assert main(fit_arguments(tiny)) == 2
+    assert_one_sentence(capsys, "found 1 of these 1 among them, 004.png first; run lmvs with --hold-out-every 5")
+    assert not (tiny / "run").exists()
+    source = SegmentsSource((*names[:4], names[5]), {"seed": 3})
+    save_segments(path, segments, source)
+    assert main(fit_arguments(tiny, "--steps", "1")) == 0
+    assert "warning" not in capsys.readouterr().err
+    assert load_segments_source(tiny / "run" / "segments.npz") == source
+    save_segments(path, segments)
+    assert main([*fit_arguments(tiny)[:2], str(tiny / "old"), *fit_arguments(tiny)[3:], "--steps", "1"]) == 0
+    assert "does not name the views" in capsys.readouterr().err
 
 
 def test_damaged_segments_leave_no_run(tiny, capsys):

@@ -9,8 +9,10 @@ import pytest
 import torch
 from tiny_capture import RADIUS, write_capture
 
+from neural_strands.capture.capture import Capture
 from neural_strands.cli.main import main
-from neural_strands.lmvs.files import load_segments
+from neural_strands.lmvs.files import load_segments, load_segments_source
+from neural_strands.lmvs.reconstruct import LmvsConfig
 
 
 @pytest.fixture
@@ -107,6 +109,21 @@ def test_hair_is_found_without_masks(tmp_path):
     assert ((found.points.norm(dim=-1) - RADIUS).abs() < 0.03).float().mean() > 0.5
 
 
+def test_held_out_views_are_left_out_and_the_file_names_the_others(ball, tmp_path):
+    out = tmp_path / "out"
+    assert main(["lmvs", str(ball), str(out), "--hold-out-every", "5"]) == 0
+    source = load_segments_source(out / "segments.npz")
+    assert source is not None
+    kept = [index for index in range(16) if index not in (4, 9, 14)]
+    assert source.views == tuple(Capture.load(ball).cameras[index].name for index in kept)
+    assert source.settings["stereo"]["confirming"] == LmvsConfig().confirming
+    before, found = stamps(out), load_segments(out / "segments.npz")
+    named = [str(index) for index in kept]
+    assert main(["lmvs", str(ball), str(out), "--hold-out-every", "5", "--views", "4", *named]) == 0
+    assert stamps(out) == before
+    assert torch.equal(load_segments(out / "segments.npz").points, found.points)
+
+
 def test_complete_fills_gaps_between_the_same_chains(ball, tmp_path):
     assert main(["lmvs", str(ball), str(tmp_path / "out"), "--complete", "never"]) == 0
     sure, before = load_segments(tmp_path / "out" / "segments.npz"), stamps(tmp_path / "out")
@@ -122,6 +139,8 @@ def test_complete_fills_gaps_between_the_same_chains(ball, tmp_path):
 def test_refusals_are_one_sentence(ball, tmp_path, capsys):
     assert main(["lmvs", str(ball), str(tmp_path / "one"), "--views", "3"]) == 2
     assert "at least two views" in capsys.readouterr().err
+    assert main(["lmvs", str(ball), str(tmp_path / "one"), "--views", "3", "16"]) == 2
+    assert "--views: expected numbers from 0 to 15, found 16." in capsys.readouterr().err
     assert main(["lmvs", str(tmp_path / "none"), str(tmp_path / "two")]) == 2
     assert "none" in capsys.readouterr().err
     assert main(["lmvs", str(ball), str(tmp_path / "two"), "--up", "0", "0", "0"]) == 2

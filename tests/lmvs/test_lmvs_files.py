@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.lmvs.files import load_segments, save_segments
+from neural_strands.lmvs.files import SegmentsSource, load_segments, load_segments_source, save_segments
 
 
 @pytest.fixture
@@ -27,6 +27,34 @@ def test_npz_comes_back(tmp_path: Path, segments: LineSegments):
     again = load_segments(tmp_path / "a.npz")
     for name in ("points", "directions", "confidence", "segment_id"):
         assert torch.equal(getattr(again, name), getattr(segments, name))
+
+
+def test_npz_says_what_its_segments_were_made_from(tmp_path: Path, segments: LineSegments):
+    source = SegmentsSource(("000.png", "left/ä b.png"), {"seed": 3, "stereo": {"scales": [1.0, 2.0]}, "size": None})
+    save_segments(tmp_path / "a.npz", segments, source)
+    assert load_segments_source(tmp_path / "a.npz") == source
+    assert torch.equal(load_segments(tmp_path / "a.npz").points, segments.points)
+    save_segments(tmp_path / "b.npz", segments)
+    assert load_segments_source(tmp_path / "b.npz") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("no", "source: expected the views of line segments as JSON"),
+        ('{"settings": {}}', "source: expected a value under 'views'"),
+        ('{"views": [5], "settings": {}}', r"source: views\[0\]: expected a text"),
+        ('{"views": [], "settings": 5}', "source: settings: expected an object"),
+        ("[" * 9999, "nested too deeply"),
+    ],
+)
+def test_a_damaged_source_is_one_sentence(tmp_path: Path, segments: LineSegments, text: str, message: str):
+    save_segments(tmp_path / "a.npz", segments)
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    np.savez(tmp_path / "a.npz", **arrays, source=np.frombuffer(text.encode(), np.uint8))
+    with pytest.raises(InputError, match=message) as caught:
+        load_segments_source(tmp_path / "a.npz")
+    assert str(caught.value).endswith("; run lmvs again.")
 
 
 def test_trimesh_reads_the_ply(tmp_path: Path, segments: LineSegments):

@@ -4,13 +4,15 @@ import json as json_module
 import math
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from neural_strands.capture.hold_out import training_views
 from neural_strands.cli.device import DeviceName, pick_device, seeded
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
@@ -37,6 +39,9 @@ class Lmvs:
     in world metres or {"view": NAME, "points": [[x, y], ...]} in pixels of a view."""
     views: tuple[int, ...] | None = None
     """Use only these photographs, counted from 0. Default: all."""
+    hold_out_every: Annotated[int, Between(0, 1_000_000)] = 0
+    """Leave out the last of every so many photographs, as `fit` does for its evaluation; 0 leaves out none. Segments
+    for `fit --segments` need the number that the fit uses: 5, unless its settings were changed."""
     size: int | None = None
     """Reduce photographs to at most this many pixels along the longer side: half the size takes a quarter of the time
     and gives coarser segments. Default: full size."""
@@ -57,7 +62,7 @@ class Lmvs:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
         from neural_strands.capture.head import read_head
-        from neural_strands.lmvs.files import save_segments
+        from neural_strands.lmvs.files import SegmentsSource, save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
         from neural_strands.lmvs.report import write_report
@@ -69,8 +74,7 @@ class Lmvs:
             raise InputError(f"--size: expected {SMALLEST_SIZE} pixels or more, found {self.size}.")
         begin = time.perf_counter()
         capture = Capture.load(self.capture)
-        if self.views is not None:
-            capture = capture.subset(self.views)
+        capture = capture.subset(self._seen(len(capture)))
         # Read before the long stereo run, lifted to 3D after it.
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         device = pick_device(self.device)
@@ -84,9 +88,13 @@ class Lmvs:
         segments = reconstruct(views, there, config, seeded(self.seed), self.out / "work", track).to("cpu")
         strokes = [lift_stroke(stroke, segments) for stroke in drawn]
         x, y, z = (axis / math.hypot(*self.up) for axis in self.up)
-        segments = orient_segments(segments, head, scalp, strokes, GrowthConfig(), (x, y, z))
+        growth = GrowthConfig()
+        segments = orient_segments(segments, head, scalp, strokes, growth, (x, y, z))
+        settings = {"stereo": asdict(config), "growth": asdict(growth), "seed": self.seed}
+        settings |= {"size": self.size, "up": self.up, "strokes": len(strokes)}
+        source = SegmentsSource(tuple(camera.name for camera in capture.cameras), settings)
         for suffix in ("npz", "ply"):
-            save_segments(self.out / f"segments.{suffix}", segments)
+            save_segments(self.out / f"segments.{suffix}", segments, source)
         write_report(views, head, segments, self.out)
         result = {
             "points": len(segments),
@@ -98,3 +106,17 @@ class Lmvs:
             sys.stdout.write(json_module.dumps(result) + "\n")
         else:
             sys.stdout.write("{segments} segments, {points} points, {seconds} s: {file}\n".format(**result))
+
+    def _seen(self, count: int) -> list[int]:
+        """Indices of the views that stereo may use.
+
+        Raises:
+            InputError: `--views` asks for one that is not there.
+        """
+        seen = training_views(count, self.hold_out_every)
+        if self.views is None:
+            return seen
+        for index in self.views:
+            if not 0 <= index < count:
+                raise InputError(f"--views: expected numbers from 0 to {count - 1}, found {index}.")
+        return [index for index in self.views if index in set(seen)]
