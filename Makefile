@@ -25,11 +25,11 @@ imports: $(VENV)/.installed
 	$(BIN)/lint-imports
 
 pytest: $(VENV)/.installed
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n logical --dist worksteal
 
 # The tests without those marked slow, for the edit-and-run loop.
 fast: $(VENV)/.installed
-	$(BIN)/python -m pytest -m 'not slow'
+	$(BIN)/python -m pytest -n logical --dist worksteal -m 'not slow'
 
 test: lint types imports pytest
 
