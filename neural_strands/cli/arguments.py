@@ -85,8 +85,15 @@ def _parse(command: type[C], prog: str, words: Sequence[str]) -> C:
 def _unknown_option(command: type, prog: str, words: Sequence[str]) -> str | None:
     """What to say about the first option that the command does not have, if there is one."""
     text = io.StringIO()
-    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
-        _parse(command, prog, ["--help"])
+    plain = [word for word in words if not word.startswith("-")]
+    # A subcommand among the words has options of its own.
+    for named in ([], plain):
+        with (
+            contextlib.redirect_stdout(text),
+            contextlib.redirect_stderr(io.StringIO()),
+            contextlib.suppress(SystemExit),
+        ):
+            _parse(command, prog, [*named, "--help"])
     known = sorted(set(OPTION.findall(text.getvalue())))
     for word in words:
         name = word.partition("=")[0].replace("_", "-")

@@ -16,11 +16,9 @@ from neural_strands.grooms.io import write_groom
 from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.renderer import HairRenderer
+from neural_strands.model.thickness import strand_widths
 from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.run_folder import RunFolder
-
-HAIR_WIDTH = 7e-5
-"""Thickness written for strands whose width the fit did not estimate, metres: that of a typical human hair."""
 
 
 @torch.no_grad()
@@ -37,13 +35,6 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
     for path in (folder.groom, folder.groom_arrays):
         write_groom(path, Groom.from_strands(coloured))
     return coloured
-
-
-def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand point"]:
-    """Thickness of every point, metres, as the model draws strands, so that the groom covers the same pixels."""
-    along = strands.parameters()
-    tip = torch.ones_like(along) if model.lines.tip <= 0 else ((1 - along) / model.lines.tip).clamp(max=1.0)
-    return model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)
 
 
 @torch.no_grad()

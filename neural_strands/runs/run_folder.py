@@ -137,7 +137,18 @@ def found_again(folder: RunFolder, described: RunDescription, path: str) -> Path
         described: what `run.json` says.
         path: its `capture` or `head`.
     """
-    moved = folder.path / os.path.relpath(path, described.folder) if described.folder else Path(path)
+    return place_now(folder.path, described.folder, path)
+
+
+def place_now(folder: Path, before: str, path: str) -> Path:
+    """Where a path is that a folder's description names: the same place, or else as far from the folder as it was.
+
+    Args:
+        folder: the folder, where it is now.
+        before: where the folder was when it was described, absolute; empty where nobody knows.
+        path: absolute, as described.
+    """
+    moved = folder / os.path.relpath(path, before) if before else Path(path)
     return moved if moved.exists() and not Path(path).exists() else Path(path)
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from neural_strands.geometry.cameras import Camera
     from neural_strands.geometry.strands import Strands
     from neural_strands.model.hair_model import RenderOutput
+    from neural_strands.runs.edited import EditedHair
 
 VIDEO_SUFFIXES = (".mp4",)
 """Suffixes of --out that mean a video."""
@@ -30,13 +31,13 @@ VIDEO_SUFFIXES = (".mp4",)
 
 @dataclass(frozen=True)
 class Render:
-    """Render a fitted model from given cameras or on a turntable.
+    """Render fitted or edited hair from given cameras or on a turntable.
 
     The strands are decoded once. Images are PNG, named and in sub-folders as the cameras are; a video is MPEG-4.
     """
 
     model: Annotated[Path, tyro.conf.Positional]
-    """Folder of the model, as fit wrote it."""
+    """Run, folder of its model, or edited folder."""
     out: Path
     """Folder of the images, or a .mp4 file."""
     camera: Path | None = None
@@ -60,14 +61,15 @@ class Render:
         """Decode, render, write."""
         import torch
 
-        from neural_strands.model.files import load_hair_model
         from neural_strands.model.renderer import HairRenderer
+        from neural_strands.runs.edited import open_hair
 
         self._check()
-        model = load_hair_model(self.model, pick_device(self.device)).eval()
+        opened = open_hair(self.model, pick_device(self.device))
+        model = opened.hair.modelled("render")
         begin = time.perf_counter()
         with torch.inference_mode():
-            renderer = HairRenderer.of(model, model.decode(self.points))
+            renderer = HairRenderer.of(model, self._strands(opened))
             cameras = self._cameras(renderer.strands)
             with self._writer(cameras[0]) as write:
                 for camera in track(cameras, "rendering"):
@@ -94,6 +96,18 @@ class Render:
             raise InputError(
                 f"{self.out}: a video has no alpha channel; name a folder for --out, or leave out --alpha."
             )
+
+    def _strands(self, opened: "EditedHair") -> "Strands":
+        """The strands as they were edited or, where none was, decoded with the points that are asked for."""
+        from neural_strands.geometry.resample import resample
+
+        if self.points is None:
+            return opened.hair.strands
+        return (
+            resample(opened.hair.strands, self.points)
+            if opened.edits
+            else opened.fitted.modelled("render").decode(self.points)
+        )
 
     def _cameras(self, strands: "Strands") -> "list[Camera]":
         from neural_strands.capture.transforms import read_transforms

@@ -1,0 +1,1 @@
+"""Edits of fitted hair: pure functions of strands and scalp textures."""

@@ -1,0 +1,93 @@
+"""More or fewer strands than were fitted, grown from the scalp textures."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import torch
+from jaxtyping import Float
+from scipy.spatial import Delaunay
+from torch import Tensor
+
+from neural_strands.editing.edit import TextureEdit
+from neural_strands.editing.hair import ScalpShape
+from neural_strands.foundation.configs import Between
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.frames import orthonormal_frames
+from neural_strands.geometry.mesh import Mesh, face_areas, interpolate
+from neural_strands.geometry.mesh_queries import closest_points
+from neural_strands.model.hair_model import HairModel
+from neural_strands.scalp.blue_noise import eliminate
+from neural_strands.scalp.roots import CANDIDATES
+
+MOST_STRANDS = 150_000
+LONGEST_EDGE = 4.0
+"""Longest edge between neighbouring roots, in median edges: longer ones span gaps of the chart."""
+FEWEST = 3
+"""Roots below which no surface lies between them."""
+
+
+@dataclass(frozen=True)
+class Density(TextureEdit):
+    """Grow another number of strands from the scalp textures, from evenly spread roots."""
+
+    strands: Annotated[int, Between(1, MOST_STRANDS)]
+    """Number of strands, from 1 to 150,000."""
+    seed: int = 0
+    """Seed of the new roots."""
+
+    @torch.no_grad()
+    def edited(self, shape: ScalpShape, model: HairModel) -> ScalpShape:
+        """The same texture, sampled at other roots: fitted ones first, new ones in between.
+
+        Raises:
+            InputError: too few roots to span a scalp.
+        """
+        random = torch.Generator().manual_seed(self.seed)
+        surface = root_surface(shape)
+        new = _between_roots(shape, surface, CANDIDATES * self.strands, random)
+        new = replace(new, position=_on_body(new.position, model))
+        # Blue noise prefers what comes first.
+        order = torch.randperm(len(shape.uv), generator=random).to(shape.uv.device)
+        parts = [torch.cat([getattr(shape, name)[order], getattr(new, name)]) for name in ("position", "uv", "frame")]
+        kept = eliminate(parts[0].cpu(), self.strands, float(face_areas(surface).sum())).to(order.device)
+        position, uv, frame = (part[kept] for part in parts)
+        return replace(shape, position=position, uv=uv, frame=frame)
+
+
+def root_surface(shape: ScalpShape) -> Mesh:
+    """Triangles between neighbouring roots: neighbours on the chart (Delaunay) that are also close in space.
+
+    Raises:
+        InputError: too few roots, or all of them on a line.
+    """
+    if len(shape.uv) < FEWEST:
+        raise InputError(f"density: expected a model of at least {FEWEST} roots, found {len(shape.uv)}; fit again.")
+    faces = torch.from_numpy(Delaunay(shape.uv.cpu().double().numpy(), qhull_options="QJ").simplices).long()
+    mesh = Mesh(shape.position, faces.to(shape.position.device))
+    corners = mesh.corners()
+    longest = (corners - corners.roll(1, dims=1)).norm(dim=-1).amax(dim=1)
+    return replace(mesh, faces=mesh.faces[longest <= LONGEST_EDGE * longest.median()])
+
+
+def _between_roots(shape: ScalpShape, surface: Mesh, count: int, random: torch.Generator) -> ScalpShape:
+    """Roots at random places between the present ones, evenly by area."""
+    corners, device = surface.corners(), shape.position.device
+    cumulative = face_areas(surface).double().cumsum(0)
+    drawn, first, second = torch.rand(3, count, generator=random, dtype=torch.float64).to(device)
+    face = torch.searchsorted(cumulative, drawn * cumulative[-1], right=True).clamp(max=len(cumulative) - 1)
+    root = first.sqrt()
+    weights = torch.stack([1 - root, root * (1 - second), root * second], dim=-1).to(corners)
+    at_corners = surface.faces
+    normal, tangent = (interpolate(shape.frame[at_corners][..., axis], face, weights) for axis in (2, 0))
+    return replace(
+        shape,
+        position=interpolate(corners, face, weights),
+        uv=interpolate(shape.uv[at_corners], face, weights),
+        frame=orthonormal_frames(normal, tangent),
+    )
+
+
+def _on_body(position: Float[Tensor, "root 3"], model: HairModel) -> Float[Tensor, "root 3"]:
+    """The closest points of the body's surface; the same points where the model has no body."""
+    body = model.body.mesh
+    return closest_points(position, body).position if len(body.faces) and len(position) else position

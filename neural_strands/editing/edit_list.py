@@ -1,0 +1,107 @@
+"""Lists of edits: applied to hair, and kept as JSON.
+
+Edits of the scalp textures come first, whatever their place in the list, because strands are decoded from them; then
+come edits of the strands. Within each group the order of the list holds. So hair that is cut and then made denser is
+denser hair, cut.
+"""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from neural_strands.editing.density import Density
+from neural_strands.editing.edit import Edit, StrandEdit, TextureEdit
+from neural_strands.editing.hair import Hair, ScalpShape
+from neural_strands.editing.haircut import Haircut
+from neural_strands.foundation.configs import config_from_json
+from neural_strands.foundation.files import write_json
+from neural_strands.foundation.json_files import JsonValue, check_format, read_json
+
+FORMAT = 1
+"""Version of the list's layout."""
+KINDS: dict[str, type[Edit]] = {"haircut": Haircut, "density": Density}
+"""The edits, by the name under which JSON and the command line know them."""
+NAME = "edit"
+"""The member of each edit in JSON that says which it is."""
+
+
+def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
+    """Apply edits to hair as it was fitted.
+
+    Raises:
+        InputError: an edit needs a model and the hair is a groom alone, or its settings do not suit the hair.
+    """
+    of_textures = [edit for edit in edits if isinstance(edit, TextureEdit)]
+    strands = hair.strands
+    if of_textures:
+        model = hair.modelled(edit_name(of_textures[0]))
+        shape = ScalpShape.of(model)
+        for edit in of_textures:
+            shape = edit.edited(shape, model)
+        strands = shape.decode(model)
+    for edit in edits:
+        if isinstance(edit, StrandEdit):
+            strands = edit.edited(strands)
+    return dataclasses.replace(hair, strands=strands)
+
+
+def edit_name(edit: Edit) -> str:
+    """The name under which JSON and the command line know an edit."""
+    return next(name for name, kind in KINDS.items() if type(edit) is kind)
+
+
+def edits_as_json(edits: Sequence[Edit]) -> list[dict[str, Any]]:
+    """The list as plain values; settings that are not given are left out."""
+    documents = []
+    for edit in edits:
+        settings = {name: value for name, value in dataclasses.asdict(edit).items() if value not in (None, ())}
+        documents.append({NAME: edit_name(edit), **settings})
+    # Tuples become lists, as in a file.
+    return json.loads(json.dumps(documents))
+
+
+def edits_from_json(written: JsonValue) -> list[Edit]:
+    """The edits of such a list.
+
+    Raises:
+        InputError: an edit that does not exist, or a setting of the wrong type or beyond its bounds.
+    """
+    edits: list[Edit] = []
+    for element in written.elements():
+        kind = KINDS[element.member(NAME).choice(list(KINDS))]
+        settings = {name: value for name, value in element.value.items() if name != NAME}
+        edits.append(config_from_json(kind, dataclasses.replace(element, value=settings)))
+    return edits
+
+
+def checked_edit(edit: Edit) -> Edit:
+    """An edit whose settings lie within their bounds, as those in JSON do.
+
+    Raises:
+        InputError: names the first setting that does not.
+    """
+    name = edit_name(edit)
+    settings = {key: value for key, value in edits_as_json([edit])[0].items() if key != NAME}
+    return config_from_json(KINDS[name], JsonValue(settings, name, advice="give another value"))
+
+
+def read_edits(path: Path) -> list[Edit]:
+    """Read a list of edits: `edits.json`, or the `edit.json` of an edited result.
+
+    Raises:
+        InputError: the file is missing, or holds something else.
+    """
+    written = read_json(path, "a list of edits")
+    check_format(written, FORMAT)
+    return edits_from_json(written.member("edits"))
+
+
+def write_edits(path: Path, edits: Sequence[Edit]) -> None:
+    """Write a list of edits.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_json(path, {"format": FORMAT, "edits": edits_as_json(edits)})

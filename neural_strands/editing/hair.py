@@ -1,0 +1,76 @@
+"""What edits act on: strands, and the scalp texture that a model decodes to strands."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.frames import to_world
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.thickness import strand_widths
+from neural_strands.raster.texture import sample_texture
+
+
+@dataclass(frozen=True)
+class Hair:
+    """Hair to edit.
+
+    Attributes:
+        strands: world metres.
+        model: the model that decoded the strands and renders them; None for a groom alone.
+    """
+
+    strands: Strands
+    model: HairModel | None = None
+
+    @classmethod
+    def of(cls, model: HairModel) -> "Hair":
+        """The hair of a model as it was fitted."""
+        return cls(ScalpShape.of(model).decode(model), model)
+
+    def modelled(self, edit: str) -> HairModel:
+        """The model, for an edit that needs one.
+
+        Args:
+            edit: its name, for the message.
+
+        Raises:
+            InputError: the hair is a groom alone.
+        """
+        if self.model is None:
+            raise InputError(
+                f"{edit}: expected a fitted run with its model, found a groom alone; name the run instead."
+            )
+        return self.model
+
+
+@dataclass(frozen=True)
+class ScalpShape:
+    """The shape texture Z_g, and the roots that sample it.
+
+    Attributes:
+        position: roots, world metres.
+        uv: their place on the scalp chart.
+        frame: columns tangent, bitangent, normal.
+        texture: latents of strands over the scalp chart.
+    """
+
+    position: Float[Tensor, "root 3"]
+    uv: Float[Tensor, "root 2"]
+    frame: Float[Tensor, "root 3 3"]
+    texture: Float[Tensor, "row column latent"]
+
+    @classmethod
+    def of(cls, model: HairModel) -> "ScalpShape":
+        """Roots and texture of a model as it was fitted."""
+        return cls(model.root_position, model.root_uv, model.root_frame, model.textures.shape.detach())
+
+    @torch.no_grad()
+    def decode(self, model: HairModel) -> Strands:
+        """Strands in world metres, with the widths that the model draws."""
+        local = model.generator(sample_texture(self.texture, self.uv), model.config.points)
+        strands = Strands(to_world(local, self.position, self.frame), self.uv, self.frame[:, :, 2])
+        return replace(strands, width=strand_widths(model, strands))

@@ -1,0 +1,61 @@
+"""Painted regions of the scalp chart: which strands an edit reaches, and how much."""
+
+from typing import Annotated
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation.configs import Between
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.strands import Strands
+
+Dabs = Annotated[tuple[tuple[float, float, float], ...], Between(0, 10_000)]
+"""Dabs of a round brush on the scalp chart: u, v and radius, all in the chart's unit."""
+HARD = 0.6
+"""Share of a dab's radius within which it counts fully; from there it fades to nothing at the radius."""
+DABS_AT_ONCE = 64
+"""Dabs that are compared with all strands together; bounds memory."""
+
+
+def region_weight(uv: Float[Tensor, "root 2"], dabs: Dabs) -> Float[Tensor, " root"]:
+    """How much of an edit each root takes: 1 everywhere without dabs, otherwise that of the strongest dab."""
+    weight = uv.new_zeros(len(uv)) if dabs else uv.new_ones(len(uv))
+    painted = uv.new_tensor(dabs).reshape(-1, 3)
+    for part in painted.split(DABS_AT_ONCE):
+        share = torch.cdist(uv, part[:, :2]) / part[:, 2].clamp(min=1e-9)
+        fade = ((1 - share) / (1 - HARD)).clamp(0, 1)
+        weight = torch.maximum(weight, (fade * fade * (3 - 2 * fade)).amax(dim=1))
+    return weight
+
+
+def strand_weight(strands: Strands, dabs: Dabs, edit: str) -> Float[Tensor, " strand"]:
+    """The same for strands.
+
+    Args:
+        strands: with `root_uv` if there are dabs.
+        dabs: the painted region; empty for the whole scalp.
+        edit: name of the edit, for messages.
+
+    Raises:
+        InputError: strands without `root_uv` where a region is painted, or a region without a strand.
+    """
+    if not dabs:
+        return strands.points.new_ones(len(strands))
+    if strands.root_uv is None:
+        raise InputError(
+            f"{edit}: expected strands with root_uv for a painted region, found none; edit the whole scalp, or a "
+            "groom that holds root_uv (.npz or .usd)."
+        )
+    return checked_weight(region_weight(strands.root_uv, dabs), edit)
+
+
+def checked_weight(weight: Float[Tensor, " root"], edit: str) -> Float[Tensor, " root"]:
+    """Refuse a region that selects nothing.
+
+    Raises:
+        InputError: no weight is above zero.
+    """
+    if not (weight > 0).any():
+        raise InputError(f"{edit}: expected a painted region with strands, found none in it; paint where roots are.")
+    return weight

@@ -1,0 +1,119 @@
+"""Edited hair on disk: a folder with the list of edits, the strands they lead to, and where the hair came from.
+
+    OUT/edit.json     the source (a run, a model or a groom) and the edits, applied in order; edit it and apply it again
+    OUT/groom.npz     the edited strands
+
+A run, a model's folder, a groom file and an edited folder can all be opened as hair.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from neural_strands.editing.edit import Edit
+from neural_strands.editing.edit_list import FORMAT, apply_edits, edits_as_json, edits_from_json
+from neural_strands.editing.hair import Hair
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import atomic_folder, write_json
+from neural_strands.foundation.json_files import check_format, read_json
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import read_groom, write_groom
+from neural_strands.model.files import CONFIG_NAME, load_hair_model
+from neural_strands.runs.run_folder import LONGEST_PATH, RunFolder, place_now
+
+EDIT_NAME = "edit.json"
+GROOM_NAME = "groom.npz"
+POINTS = 100
+"""Points per strand of a groom whose strands have different numbers of points."""
+
+
+@dataclass(frozen=True)
+class EditedHair:
+    """Hair with its edits.
+
+    Attributes:
+        source: the run, model or groom it came from.
+        fitted: the hair without edits.
+        edits: applied in order.
+        hair: the hair after the edits.
+    """
+
+    source: Path
+    fitted: Hair
+    edits: tuple[Edit, ...]
+    hair: Hair
+
+    def edited(self, edits: Sequence[Edit]) -> "EditedHair":
+        """The hair after its own edits and further ones.
+
+        Raises:
+            InputError: the edits do not suit the hair.
+        """
+        together = (*self.edits, *edits)
+        return replace(self, edits=together, hair=apply_edits(self.fitted, together))
+
+
+def open_hair(path: Path, device: torch.device | str = "cpu") -> EditedHair:
+    """Open a run, a model's folder, an edited folder, or a groom file (metres, y up).
+
+    Raises:
+        InputError: it is none of these, or is damaged.
+    """
+    if (path / EDIT_NAME).is_file():
+        return _open_edited(path, device)
+    if path.is_dir():
+        run = RunFolder(path)
+        model = load_hair_model(path if (path / CONFIG_NAME).is_file() else run.model, device).eval()
+        hair = _coloured(Hair.of(model), run.groom_arrays)
+    else:
+        hair = Hair(_strands(read_groom(path)).to(device))
+    return EditedHair(path, hair, (), hair)
+
+
+def save_edited(folder: Path, edited: EditedHair) -> None:
+    """Write edited hair; an existing folder of edited hair is replaced.
+
+    Raises:
+        InputError: the folder cannot be written, or holds something else.
+    """
+    if folder.exists() and not (folder / EDIT_NAME).is_file() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: expected a new folder or one of edited hair, found something else; name another.")
+    source = edited.source.absolute()
+    document = {"format": FORMAT, "source": str(source), "folder": str(folder.absolute())}
+    with atomic_folder(folder) as temporary:
+        write_json(temporary / EDIT_NAME, {**document, "edits": edits_as_json(edited.edits)})
+        write_groom(temporary / GROOM_NAME, Groom.from_strands(edited.hair.strands.to("cpu")))
+
+
+def _open_edited(folder: Path, device: torch.device | str) -> EditedHair:
+    written = read_json(folder / EDIT_NAME, "a description of edited hair")
+    check_format(written, FORMAT)
+    edits = edits_from_json(written.member("edits"))
+    source, place = (written.member(name).text(LONGEST_PATH) for name in ("source", "folder"))
+    found = place_now(folder, place, source)
+    if not found.exists():
+        raise InputError(
+            f"{folder}: expected the hair that was edited at {found}, found nothing there; restore it, or move both "
+            "together."
+        )
+    fitted = open_hair(found, device).fitted
+    strands = _strands(read_groom(folder / GROOM_NAME)).to(device)
+    return EditedHair(found, fitted, tuple(edits), replace(fitted, strands=strands))
+
+
+def _strands(groom: Groom) -> Strands:
+    """The strands as they are, or resampled where their numbers of points differ."""
+    return groom.strands(POINTS if groom.uniform_size is None else None)
+
+
+def _coloured(hair: Hair, groom: Path) -> Hair:
+    """The hair of a run with the colours that its groom holds, where it has one of the same strands."""
+    if not groom.is_file():
+        return hair
+    color = read_groom(groom).color
+    if color is None or len(color) != len(hair.strands):
+        return hair
+    return replace(hair, strands=replace(hair.strands, color=color.to(hair.strands.points.device)))
