@@ -18,6 +18,8 @@ C = TypeVar("C")
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w.-]*\w")
 """An option's name as help texts write it."""
+MOST_NAMES = 6
+"""Words that are tried as the names of a subcommand and of what stands before it."""
 RULE = re.compile(r"^.*[\u2500-\u257f].*$|^-{4,}$")
 """A line that tyro draws to part a complaint from its title and from advice, in a box or, in ASCII, without one."""
 REWORDED = (
@@ -86,8 +88,8 @@ def _unknown_option(command: type, prog: str, words: Sequence[str]) -> str | Non
     """What to say about the first option that the command does not have, if there is one."""
     text = io.StringIO()
     plain = [word for word in words if not word.startswith("-")]
-    # A subcommand among the words has options of its own.
-    for named in ([], plain):
+    # A subcommand among the first words has options of its own.
+    for named in (plain[:end] for end in range(min(len(plain), MOST_NAMES) + 1)):
         with (
             contextlib.redirect_stdout(text),
             contextlib.redirect_stderr(io.StringIO()),

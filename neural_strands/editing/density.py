@@ -1,16 +1,14 @@
 """More or fewer strands than were fitted, grown from the scalp textures."""
 
-from dataclasses import dataclass, replace
-from typing import Annotated
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
 from scipy.spatial import Delaunay
 from torch import Tensor
 
-from neural_strands.editing.edit import TextureEdit
 from neural_strands.editing.hair import ScalpShape
-from neural_strands.foundation.configs import Between
+from neural_strands.editing.settings import Density
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh, face_areas, interpolate
@@ -19,39 +17,29 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.scalp.blue_noise import eliminate
 from neural_strands.scalp.roots import CANDIDATES
 
-MOST_STRANDS = 150_000
 LONGEST_EDGE = 4.0
 """Longest edge between neighbouring roots, in median edges: longer ones span gaps of the chart."""
 FEWEST = 3
 """Roots below which no surface lies between them."""
 
 
-@dataclass(frozen=True)
-class Density(TextureEdit):
-    """Grow another number of strands from the scalp textures, from evenly spread roots."""
+@torch.no_grad()
+def change_density(density: Density, shape: ScalpShape, model: HairModel) -> ScalpShape:
+    """The same texture, sampled at other roots: present ones first, new ones in between.
 
-    strands: Annotated[int, Between(1, MOST_STRANDS)]
-    """Number of strands, from 1 to 150,000."""
-    seed: int = 0
-    """Seed of the new roots."""
-
-    @torch.no_grad()
-    def edited(self, shape: ScalpShape, model: HairModel) -> ScalpShape:
-        """The same texture, sampled at other roots: fitted ones first, new ones in between.
-
-        Raises:
-            InputError: too few roots to span a scalp.
-        """
-        random = torch.Generator().manual_seed(self.seed)
-        surface = root_surface(shape)
-        new = _between_roots(shape, surface, CANDIDATES * self.strands, random)
-        new = replace(new, position=_on_body(new.position, model))
-        # Blue noise prefers what comes first.
-        order = torch.randperm(len(shape.uv), generator=random).to(shape.uv.device)
-        parts = [torch.cat([getattr(shape, name)[order], getattr(new, name)]) for name in ("position", "uv", "frame")]
-        kept = eliminate(parts[0].cpu(), self.strands, float(face_areas(surface).sum())).to(order.device)
-        position, uv, frame = (part[kept] for part in parts)
-        return replace(shape, position=position, uv=uv, frame=frame)
+    Raises:
+        InputError: too few roots to span a scalp.
+    """
+    random = torch.Generator().manual_seed(density.seed)
+    surface = root_surface(shape)
+    new = _between_roots(shape, surface, CANDIDATES * density.strands, random)
+    new = replace(new, position=_on_body(new.position, model))
+    # Blue noise prefers what comes first.
+    order = torch.randperm(len(shape.uv), generator=random).to(shape.uv.device)
+    parts = [torch.cat([getattr(shape, name)[order], getattr(new, name)]) for name in ("position", "uv", "frame")]
+    kept = eliminate(parts[0].cpu(), density.strands, float(face_areas(surface).sum())).to(order.device)
+    position, uv, frame = (part[kept] for part in parts)
+    return replace(shape, position=position, uv=uv, frame=frame)
 
 
 def root_surface(shape: ScalpShape) -> Mesh:

@@ -6,23 +6,28 @@ denser hair, cut.
 """
 
 import dataclasses
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from neural_strands.editing.density import Density
-from neural_strands.editing.edit import Edit, StrandEdit, TextureEdit
+from neural_strands.editing.density import change_density
 from neural_strands.editing.hair import Hair, ScalpShape
-from neural_strands.editing.haircut import Haircut
+from neural_strands.editing.haircut import cut_hair
+from neural_strands.editing.settings import Density, Edit, Haircut
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.json_files import JsonValue, check_format, read_json
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import HairModel
 
 FORMAT = 1
 """Version of the list's layout."""
 KINDS: dict[str, type[Edit]] = {"haircut": Haircut, "density": Density}
 """The edits, by the name under which JSON and the command line know them."""
+OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {Density: change_density}
+"""What carries out the edits of the scalp textures and of their roots."""
+OF_STRANDS: dict[type, Callable[[Any, Strands], Strands]] = {Haircut: cut_hair}
+"""What carries out the edits of strands."""
 NAME = "edit"
 """The member of each edit in JSON that says which it is."""
 
@@ -33,17 +38,17 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
     Raises:
         InputError: an edit needs a model and the hair is a groom alone, or its settings do not suit the hair.
     """
-    of_textures = [edit for edit in edits if isinstance(edit, TextureEdit)]
+    of_textures = [edit for edit in edits if type(edit) in OF_TEXTURES]
     strands = hair.strands
     if of_textures:
         model = hair.modelled(edit_name(of_textures[0]))
         shape = ScalpShape.of(model)
         for edit in of_textures:
-            shape = edit.edited(shape, model)
+            shape = OF_TEXTURES[type(edit)](edit, shape, model)
         strands = shape.decode(model)
     for edit in edits:
-        if isinstance(edit, StrandEdit):
-            strands = edit.edited(strands)
+        if type(edit) in OF_STRANDS:
+            strands = OF_STRANDS[type(edit)](edit, strands)
     return dataclasses.replace(hair, strands=strands)
 
 
@@ -58,8 +63,7 @@ def edits_as_json(edits: Sequence[Edit]) -> list[dict[str, Any]]:
     for edit in edits:
         settings = {name: value for name, value in dataclasses.asdict(edit).items() if value not in (None, ())}
         documents.append({NAME: edit_name(edit), **settings})
-    # Tuples become lists, as in a file.
-    return json.loads(json.dumps(documents))
+    return documents
 
 
 def edits_from_json(written: JsonValue) -> list[Edit]:
@@ -74,17 +78,6 @@ def edits_from_json(written: JsonValue) -> list[Edit]:
         settings = {name: value for name, value in element.value.items() if name != NAME}
         edits.append(config_from_json(kind, dataclasses.replace(element, value=settings)))
     return edits
-
-
-def checked_edit(edit: Edit) -> Edit:
-    """An edit whose settings lie within their bounds, as those in JSON do.
-
-    Raises:
-        InputError: names the first setting that does not.
-    """
-    name = edit_name(edit)
-    settings = {key: value for key, value in edits_as_json([edit])[0].items() if key != NAME}
-    return config_from_json(KINDS[name], JsonValue(settings, name, advice="give another value"))
 
 
 def read_edits(path: Path) -> list[Edit]:

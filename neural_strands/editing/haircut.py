@@ -5,108 +5,69 @@ appearance that it learned for those places, and a cut end keeps its thickness i
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.editing.edit import StrandEdit
-from neural_strands.editing.region import Dabs, strand_weight
-from neural_strands.foundation.configs import Between
+from neural_strands.editing.region import strand_weight
+from neural_strands.editing.settings import SHORTEST, WAYS, Haircut
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
 from neural_strands.geometry.strands import Strands, segments
 from neural_strands.scalp.mesh_file import read_mesh_file
 
-Place = Annotated[float, Between(-1000.0, 1000.0)]
-"""A coordinate in world metres."""
-LEAST = 0.001
-"""Length below which nothing remains of a strand, metres."""
 LOCK = 0.02
 """Size of the locks in which an uneven edge varies, metres."""
-WAYS = ("length", "fraction", "plane", "box", "mesh")
-"""The settings that say where strands end; a haircut has one of them."""
 POINTS_AT_ONCE = 2**20
 """Points whose distance to a mesh is found together; bounds memory."""
 
 
-@dataclass(frozen=True)
-class Haircut(StrandEdit):
-    """Cut strands to a length, by a fraction of their length, or where they leave a half-space, a box or a mesh.
+def cut_hair(haircut: Haircut, strands: Strands) -> Strands:
+    """Cut strands; those of which nothing remains are dropped.
 
-    A strand is cut where it first leaves the shape, seen from its root; one whose root lies outside is removed.
+    Raises:
+        InputError: no hair would remain, the painted region is empty, or the mesh cannot be read.
     """
+    weight = strand_weight(strands, haircut.region, "haircut")
+    arc = arc_lengths(strands.points)
+    whole = arc[:, -1]
+    limit = _limit(haircut, strands, arc) - haircut.uneven * ragged(strands.points[:, 0], haircut.seed)
+    kept = torch.lerp(whole, limit.clamp(min=0.0).minimum(whole), weight)
+    remain = kept >= whole.clamp(max=SHORTEST)
+    if not remain.any():
+        way = next(name for name in WAYS if getattr(haircut, name) is not None)
+        raise InputError(
+            f"haircut: expected hair to remain, found that the {way} cuts off all {len(strands)} strands; move or "
+            "enlarge it."
+        )
+    return shortened(strands.select(remain), kept[remain], arc[remain])
 
-    length: Annotated[float, Between(LEAST, 10.0)] | None = None
-    """Longest strand that remains, metres."""
-    fraction: Annotated[float, Between(0.0, 1.0)] | None = None
-    """Share of every strand that is cut off, from 0 to 1."""
-    plane: tuple[Place, Place, Place, Place, Place, Place] | None = None
-    """A point of a plane and its normal (x y z, metres): what lies on the side of the normal is cut."""
-    box: tuple[Place, Place, Place, Place, Place, Place] | None = None
-    """Two opposite corners of a box (x y z, metres): what lies outside is cut."""
-    mesh: str | None = None
-    """File of a closed mesh in world metres: what lies outside is cut."""
-    uneven: Annotated[float, Between(0.0, 0.1)] = 0.003
-    """By how much strands may be cut shorter than told, metres, so that the edge looks cut by hand."""
-    region: Dabs = ()
-    """Dabs on the scalp chart (u, v, radius); without any, the whole scalp is cut."""
-    seed: int = 0
-    """Seed of the uneven edge."""
 
-    def __post_init__(self) -> None:
-        given = [name for name in WAYS if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise InputError(
-                f"haircut: expected one of {', '.join(WAYS)}, found {' and '.join(given) or 'none'}; give one."
-            )
-        if self.plane is not None and math.hypot(*self.plane[3:]) < 1e-6:
-            raise InputError("haircut: expected a plane's normal with a length, found zeros; give a direction.")
+def _limit(haircut: Haircut, strands: Strands, arc: Float[Tensor, "strand point"]) -> Float[Tensor, " strand"]:
+    """Length at which each strand ends, metres; infinite where the shape does not cut it."""
+    if haircut.length is not None:
+        return arc.new_full((len(strands),), haircut.length)
+    if haircut.fraction is not None:
+        return (1 - haircut.fraction) * arc[:, -1]
+    return first_crossing(_outside(haircut, strands.points), arc)
 
-    def edited(self, strands: Strands) -> Strands:
-        """Cut the strands; those of which nothing remains are dropped.
 
-        Raises:
-            InputError: no hair would remain, the painted region is empty, or the mesh cannot be read.
-        """
-        weight = strand_weight(strands, self.region, "haircut")
-        arc = arc_lengths(strands.points)
-        whole = arc[:, -1]
-        limit = self._limit(strands, arc) - self.uneven * ragged(strands.points[:, 0], self.seed)
-        kept = torch.minimum(whole, torch.lerp(whole, limit.clamp(min=0.0).minimum(whole), weight))
-        remain = kept >= torch.minimum(whole, whole.new_tensor(LEAST))
-        if not remain.any():
-            way = next(name for name in WAYS if getattr(self, name) is not None)
-            raise InputError(
-                f"haircut: expected hair to remain, found that the {way} cuts off all {len(strands)} strands; move or "
-                "enlarge it."
-            )
-        return shortened(strands.select(remain), kept[remain], arc[remain])
-
-    def _limit(self, strands: Strands, arc: Float[Tensor, "strand point"]) -> Float[Tensor, " strand"]:
-        """Length at which each strand ends, metres; infinite where the shape does not cut it."""
-        if self.length is not None:
-            return arc.new_full((len(strands),), self.length)
-        if self.fraction is not None:
-            return (1 - self.fraction) * arc[:, -1]
-        return first_crossing(self._outside(strands.points), arc)
-
-    def _outside(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
-        """Distance of every point outside the shape, metres; negative inside."""
-        if self.plane is not None:
-            origin, normal = points.new_tensor(self.plane).reshape(2, 3)
-            normal = torch.nn.functional.normalize(normal, dim=0)
-            return points @ normal - origin @ normal
-        if self.box is not None:
-            corners = points.new_tensor(self.box).reshape(2, 3)
-            return torch.maximum(corners.amin(dim=0) - points, points - corners.amax(dim=0)).amax(dim=-1)
-        assert self.mesh is not None
-        shape = SignedDistanceIndex(read_mesh_file(Path(self.mesh)).mesh.to(points.device))
-        flat = points.reshape(-1, 3)
-        return torch.cat([shape(part).distance for part in flat.split(POINTS_AT_ONCE)]).reshape(points.shape[:2])
+def _outside(haircut: Haircut, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
+    """Distance of every point outside the shape, metres; negative inside."""
+    if haircut.plane is not None:
+        origin, normal = points.new_tensor(haircut.plane).reshape(2, 3)
+        normal = torch.nn.functional.normalize(normal, dim=0)
+        return points @ normal - origin @ normal
+    if haircut.box is not None:
+        corners = points.new_tensor(haircut.box).reshape(2, 3)
+        return torch.maximum(corners.amin(dim=0) - points, points - corners.amax(dim=0)).amax(dim=-1)
+    assert haircut.mesh is not None
+    shape = SignedDistanceIndex(read_mesh_file(Path(haircut.mesh)).mesh.to(points.device))
+    flat = points.reshape(-1, 3)
+    return torch.cat([shape(part).distance for part in flat.split(POINTS_AT_ONCE)]).reshape(points.shape[:2])
 
 
 def arc_lengths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:

@@ -1,17 +1,13 @@
 """Painted regions of the scalp chart: which strands an edit reaches, and how much."""
 
-from typing import Annotated
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation.configs import Between
+from neural_strands.editing.settings import Dabs
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands
 
-Dabs = Annotated[tuple[tuple[float, float, float], ...], Between(0, 10_000)]
-"""Dabs of a round brush on the scalp chart: u, v and radius, all in the chart's unit."""
 HARD = 0.6
 """Share of a dab's radius within which it counts fully; from there it fades to nothing at the radius."""
 DABS_AT_ONCE = 64

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import torch
 
-from neural_strands.editing.edit import Edit
 from neural_strands.editing.edit_list import FORMAT, apply_edits, edits_as_json, edits_from_json
 from neural_strands.editing.hair import Hair
+from neural_strands.editing.settings import Edit
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_folder, write_json
 from neural_strands.foundation.json_files import check_format, read_json

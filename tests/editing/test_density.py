@@ -5,8 +5,9 @@ import torch
 from scipy.spatial import KDTree
 from tiny_hair import RADIUS, tiny_hair_model
 
-from neural_strands.editing.density import Density
+from neural_strands.editing.density import change_density
 from neural_strands.editing.hair import ScalpShape
+from neural_strands.editing.settings import Density
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +17,7 @@ def model():
 
 @pytest.mark.parametrize("count", [60, 200, 1500])
 def test_so_many_strands_spread_evenly_on_the_head(model, count):
-    shape = Density(count).edited(ScalpShape.of(model), model)
+    shape = change_density(Density(count), ScalpShape.of(model), model)
     strands = shape.decode(model)
     assert len(strands) == count
     assert strands.points.isfinite().all()
@@ -34,12 +35,12 @@ def test_so_many_strands_spread_evenly_on_the_head(model, count):
 
 def test_fewer_strands_are_mostly_those_that_were_fitted(model):
     shape = ScalpShape.of(model)
-    sparse = Density(60).edited(shape, model)
+    sparse = change_density(Density(60), shape, model)
     known = (torch.cdist(sparse.position, shape.position).amin(dim=1) < 1e-6).float().mean()
     assert known > 0.5
 
 
 def test_same_seed_same_strands(model):
-    first, second, other = (Density(100, seed).edited(ScalpShape.of(model), model) for seed in (0, 0, 1))
+    first, second, other = (change_density(Density(100, seed), ScalpShape.of(model), model) for seed in (0, 0, 1))
     assert torch.equal(first.uv, second.uv)
     assert not torch.equal(first.uv, other.uv)

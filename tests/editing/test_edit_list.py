@@ -6,10 +6,10 @@ import pytest
 import torch
 from tiny_hair import tiny_hair_model
 
-from neural_strands.editing.density import Density
-from neural_strands.editing.edit_list import KINDS, apply_edits, checked_edit, read_edits, write_edits
+from neural_strands.editing.edit_list import apply_edits, read_edits, write_edits
 from neural_strands.editing.hair import Hair
-from neural_strands.editing.haircut import Haircut
+from neural_strands.editing.settings import Density, Haircut
+from neural_strands.foundation.configs import check_config
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import lengths
 
@@ -19,12 +19,6 @@ EDITS = [Haircut(plane=(0.0, 1.0, 0.0, 0.0, 1.0, 0.0), region=((0.1, 0.2, 0.3),)
 def test_written_lists_are_read_back(tmp_path):
     write_edits(tmp_path / "edits.json", EDITS)
     assert read_edits(tmp_path / "edits.json") == EDITS
-
-
-def test_every_edit_has_a_summary_and_described_settings():
-    for kind in KINDS.values():
-        assert kind.__doc__
-        assert kind.__doc__.endswith("\n    ") or kind.__doc__.endswith(".")
 
 
 def test_density_after_a_cut_is_denser_hair_cut():
@@ -63,6 +57,6 @@ def test_refusals(tmp_path, edits, message):
 
 
 def test_bounds_hold_for_edits_from_the_command_line_too():
-    assert checked_edit(EDITS[0]) == EDITS[0]
+    check_config(EDITS[0], "haircut")
     with pytest.raises(InputError, match=r"haircut: fraction: expected a finite number from 0.0 to 1.0, found 3.0"):
-        checked_edit(Haircut(fraction=3.0))
+        check_config(Haircut(fraction=3.0), "haircut")

@@ -10,7 +10,8 @@ import trimesh
 from tiny_hair import tiny_hair_model
 
 from neural_strands.editing.hair import Hair
-from neural_strands.editing.haircut import LEAST, Haircut, arc_lengths, ragged, shortened
+from neural_strands.editing.haircut import arc_lengths, cut_hair, ragged, shortened
+from neural_strands.editing.settings import SHORTEST, Haircut
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands, lengths
 
@@ -34,7 +35,7 @@ def strands() -> Strands:
 
 
 def test_length(strands):
-    cut = Haircut(length=0.05, uneven=0.0).edited(strands)
+    cut = cut_hair(Haircut(length=0.05, uneven=0.0), strands)
     expected = lengths(strands.points).clamp(max=0.05)
     assert torch.allclose(lengths(cut.points), expected, atol=5e-4)
     assert (lengths(cut.points) <= 0.05 + 1e-6).all()
@@ -42,10 +43,10 @@ def test_length(strands):
 
 
 def test_fraction_keeps_that_share_of_every_strand(strands):
-    cut = Haircut(fraction=0.25, uneven=0.0).edited(strands)
+    cut = cut_hair(Haircut(fraction=0.25, uneven=0.0), strands)
     straight = Strands(torch.linspace(0, 1, 5)[None, :, None] * torch.tensor([0.1, 0.0, 0.0]))
     assert torch.allclose(lengths(cut.points), 0.75 * lengths(strands.points), rtol=0.02)
-    assert torch.allclose(Haircut(fraction=0.25, uneven=0.0).edited(straight).points[0, -1, 0], torch.tensor(0.075))
+    assert torch.allclose(cut_hair(Haircut(fraction=0.25, uneven=0.0), straight).points[0, -1, 0], torch.tensor(0.075))
 
 
 @pytest.mark.parametrize("way", ["plane", "box", "mesh"])
@@ -71,8 +72,8 @@ def test_shapes_cut_where_a_walk_leaves_them(strands, way, tmp_path):
             return math.hypot(*point) > 0.1099
 
     expected = torch.tensor([walk(each, outside) for each in some.points.tolist()])
-    cut = Haircut(**{way: setting}, uneven=0.0).edited(some)
-    remain = expected >= torch.minimum(lengths(some.points), torch.tensor(LEAST))
+    cut = cut_hair(Haircut(**{way: setting}, uneven=0.0), some)
+    remain = expected >= torch.minimum(lengths(some.points), torch.tensor(SHORTEST))
     assert len(cut) == int(remain.sum())
     # The first crossing within a segment is exact for planes; elsewhere the distance is not linear along it.
     assert torch.allclose(lengths(cut.points), expected[remain], atol=2e-3)
@@ -82,7 +83,7 @@ def test_shapes_cut_where_a_walk_leaves_them(strands, way, tmp_path):
 
 def test_what_remains_knows_its_place_and_its_width(strands):
     assert strands.width is not None
-    cut = Haircut(fraction=0.5, uneven=0.0).edited(strands)
+    cut = cut_hair(Haircut(fraction=0.5, uneven=0.0), strands)
     assert cut.t is not None
     assert cut.width is not None
     arc, share = arc_lengths(strands.points), cut.parameters()
@@ -108,7 +109,7 @@ def test_cutting_nothing_changes_nothing(strands):
 
 def test_uneven_edge_is_seeded_and_within_bounds(strands):
     def tips(seed):
-        return lengths(Haircut(length=0.04, uneven=0.01, seed=seed).edited(strands).points)
+        return lengths(cut_hair(Haircut(length=0.04, uneven=0.01, seed=seed), strands).points)
 
     assert torch.equal(tips(1), tips(1))
     assert not torch.equal(tips(1), tips(2))
@@ -123,7 +124,7 @@ def test_uneven_edge_is_seeded_and_within_bounds(strands):
 
 def test_a_painted_region_is_cut_and_the_rest_is_not(strands):
     assert strands.root_uv is not None
-    cut = Haircut(length=0.02, uneven=0.0, region=((0.25, 0.5, 0.2),)).edited(strands)
+    cut = cut_hair(Haircut(length=0.02, uneven=0.0, region=((0.25, 0.5, 0.2),)), strands)
     away = (strands.root_uv - torch.tensor([0.25, 0.5])).norm(dim=1)
     assert torch.equal(cut.points[away > 0.2].isfinite().all(), torch.tensor(True))
     assert torch.allclose(cut.points[away > 0.2], strands.points[away > 0.2], atol=1e-6)
@@ -132,11 +133,11 @@ def test_a_painted_region_is_cut_and_the_rest_is_not(strands):
 
 def test_refusals(strands):
     with pytest.raises(InputError, match="plane cuts off all 200 strands; move"):
-        Haircut(plane=(0.0, 1.0, 0.0, 0.0, -1.0, 0.0)).edited(strands)
+        cut_hair(Haircut(plane=(0.0, 1.0, 0.0, 0.0, -1.0, 0.0)), strands)
     with pytest.raises(InputError, match="found none in it; paint where roots are"):
-        Haircut(length=0.1, region=((3.0, 3.0, 0.1),)).edited(strands)
+        cut_hair(Haircut(length=0.1, region=((3.0, 3.0, 0.1),)), strands)
     with pytest.raises(InputError, match="expected strands with root_uv for a painted region"):
-        Haircut(length=0.1, region=((0.5, 0.5, 0.1),)).edited(replace(strands, root_uv=None))
+        cut_hair(Haircut(length=0.1, region=((0.5, 0.5, 0.1),)), replace(strands, root_uv=None))
     with pytest.raises(InputError, match="expected one of length, fraction, plane, box, mesh, found length and fracti"):
         Haircut(length=0.1, fraction=0.5)
     with pytest.raises(InputError, match="found none; give one"):
@@ -147,6 +148,6 @@ def test_refusals(strands):
 
 def test_a_groom_without_root_uv_can_be_cut(strands):
     bare = Strands(strands.points)
-    cut = Haircut(length=0.03, uneven=0.0).edited(bare)
+    cut = cut_hair(Haircut(length=0.03, uneven=0.0), bare)
     assert (lengths(cut.points) < 0.0301).all()
     assert cut.root_uv is None

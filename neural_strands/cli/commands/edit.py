@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
-from neural_strands.editing.density import Density
-from neural_strands.editing.haircut import Haircut
+from neural_strands.editing.settings import Density, Haircut
+from neural_strands.foundation.configs import check_config
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
-    from neural_strands.editing.edit import Edit as HairEdit
+    from neural_strands.editing.settings import Edit as HairEdit
 
 Kind = Annotated[Haircut, tyro.conf.subcommand("haircut")] | Annotated[Density, tyro.conf.subcommand("density")]
 
@@ -50,7 +50,7 @@ class Edit:
         sys.stderr.write(f"{self.out}: {after} strands after {len(edited.edits)} edits, {before} before.\n")
 
     def _edits(self) -> "list[HairEdit]":
-        from neural_strands.editing.edit_list import checked_edit, read_edits
+        from neural_strands.editing.edit_list import edit_name, read_edits
 
         if self.edit is not None and self.edits is not None:
             raise InputError("edit: expected an edit such as haircut or a list in --edits, found both; give one.")
@@ -58,4 +58,5 @@ class Edit:
             return read_edits(self.edits)
         if self.edit is None:
             raise InputError("edit: expected an edit such as haircut or a list in --edits, found neither; give one.")
-        return [checked_edit(self.edit)]
+        check_config(self.edit, edit_name(self.edit))
+        return [self.edit]

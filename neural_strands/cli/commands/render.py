@@ -103,11 +103,9 @@ class Render:
 
         if self.points is None:
             return opened.hair.strands
-        return (
-            resample(opened.hair.strands, self.points)
-            if opened.edits
-            else opened.fitted.modelled("render").decode(self.points)
-        )
+        if opened.edits:
+            return resample(opened.hair.strands, self.points)
+        return opened.fitted.modelled("render").decode(self.points)
 
     def _cameras(self, strands: "Strands") -> "list[Camera]":
         from neural_strands.capture.transforms import read_transforms

@@ -1,0 +1,67 @@
+"""The edits, as settings that a command line, a list in JSON and the viewer share; nothing heavy is imported here."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from neural_strands.foundation.configs import Between
+from neural_strands.foundation.errors import InputError
+
+Place = Annotated[float, Between(-1000.0, 1000.0)]
+"""A coordinate in world metres."""
+Dabs = Annotated[tuple[tuple[float, float, float], ...], Between(0, 10_000)]
+"""Dabs of a round brush on the scalp chart: u, v and radius, all in the chart's unit."""
+SHORTEST = 0.001
+"""Length below which nothing remains of a strand, metres."""
+MOST_STRANDS = 150_000
+"""Largest number of strands that can be grown."""
+WAYS = ("length", "fraction", "plane", "box", "mesh")
+"""The settings that say where a haircut ends strands; it has one of them."""
+
+
+@dataclass(frozen=True)
+class Haircut:
+    """Cut strands to a length, by a share of their length, or where they leave a half-space, a box or a mesh.
+
+    A strand is cut where it first leaves the shape, seen from its root; one whose root lies outside is removed.
+    """
+
+    length: Annotated[float, Between(SHORTEST, 10.0)] | None = None
+    """Longest strand that remains, metres."""
+    fraction: Annotated[float, Between(0.0, 1.0)] | None = None
+    """Share of every strand that is cut off, from 0 to 1."""
+    plane: tuple[Place, Place, Place, Place, Place, Place] | None = None
+    """A point of a plane and its normal (x y z, metres): what lies on the side of the normal is cut."""
+    box: tuple[Place, Place, Place, Place, Place, Place] | None = None
+    """Two opposite corners of a box (x y z, metres): what lies outside is cut."""
+    mesh: str | None = None
+    """File of a closed mesh in world metres: what lies outside is cut."""
+    uneven: Annotated[float, Between(0.0, 0.1)] = 0.003
+    """By how much strands may be cut shorter than told, metres, so that the edge looks cut by hand."""
+    region: Dabs = ()
+    """Dabs on the scalp chart (u, v, radius); without any, the whole scalp is cut."""
+    seed: int = 0
+    """Seed of the uneven edge."""
+
+    def __post_init__(self) -> None:
+        given = [name for name in WAYS if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise InputError(
+                f"haircut: expected one of {', '.join(WAYS)}, found {' and '.join(given) or 'none'}; give one."
+            )
+        if self.plane is not None and math.hypot(*self.plane[3:]) < 1e-6:
+            raise InputError("haircut: expected a plane's normal with a length, found zeros; give a direction.")
+
+
+@dataclass(frozen=True)
+class Density:
+    """Grow another number of strands from the scalp textures, from evenly spread roots."""
+
+    strands: Annotated[int, Between(1, MOST_STRANDS)]
+    """Number of strands, from 1 to 150,000."""
+    seed: int = 0
+    """Seed of the new roots."""
+
+
+Edit = Haircut | Density
+"""Any edit."""
