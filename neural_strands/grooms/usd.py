@@ -2,9 +2,10 @@
 
 Kept, as float32: points, root uv (primvar `st`, one value per strand), root normals (primvar `rootNormal`), widths
 (`widths`, one value per point), colours (`displayColor`, one value per strand) and the share of a strand that no
-photograph could see (primvar `unseen`). Written linear, in metres, y up, rooted at the first point. Read from every
-BasisCurves prim of the stage, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), through the
-transforms above it, metersPerUnit and upAxis, into metres, y up, +z front.
+photograph could see (primvar `unseen`). Written linear, in metres, y up, rooted at the first point. Guides are a second
+prim, of the purpose `guide`; points that move have a time sample per frame. Read from every BasisCurves prim of the
+stage that is no guide, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), through the transforms
+above it, metersPerUnit and upAxis, into metres, y up, +z front.
 """
 
 import json
@@ -14,12 +15,14 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neural_strands.foundation.errors import excerpt
 from neural_strands.grooms.checks import build_groom, read_groom_bytes, refuse
 from neural_strands.grooms.groom import ATTRIBUTES, Groom
+from neural_strands.grooms.motion import Motion
 from neural_strands.grooms.usd_worker import PRIMVARS, REFUSED, pxr_module
 
 LONGEST_READ = 600
@@ -74,25 +77,46 @@ def read_usd(path: Path) -> Groom:
     return build_groom(path, arrays["points"], arrays["sizes"], locate, attributes)
 
 
-def write_usd(path: Path, groom: Groom) -> None:
+def write_usd(path: Path, groom: Groom, guides: Groom | None = None, motion: Motion | None = None) -> None:
     """Write a stage with the curves `/hair/strands`; `.usda` is text, the others binary.
+
+    Args:
+        path: the file.
+        groom: the strands.
+        guides: strands that stand for others, written as `/hair/guides`.
+        motion: where the points of `groom` are in each frame.
 
     Raises:
         OSError: the file cannot be written.
     """
-    sdf, usd, geometry, arrays, tf = (pxr_module(name) for name in ("Sdf", "Usd", "UsdGeom", "Vt", "Tf"))
+    sdf, usd, geometry, tf = (pxr_module(name) for name in ("Sdf", "Usd", "UsdGeom", "Tf"))
     layer = sdf.Layer.CreateAnonymous(".usda" if path.suffix.lower() == ".usda" else ".usdc")
     stage = usd.Stage.Open(layer)
     geometry.SetStageMetersPerUnit(stage, 1.0)
     geometry.SetStageUpAxis(stage, geometry.Tokens.y)
     stage.SetDefaultPrim(geometry.Xform.Define(stage, "/hair").GetPrim())
-    curves = geometry.BasisCurves.Define(stage, "/hair/strands")
+    curves = _define_curves(stage, "/hair/strands", groom)
+    if motion is not None:
+        _move(stage, curves, motion)
+    if guides is not None:
+        _define_curves(stage, "/hair/guides", guides).CreatePurposeAttr(geometry.Tokens.guide)
+    try:
+        layer.Export(str(path))
+    except tf.ErrorException as error:
+        reasons = re.findall(r"'([^']*)'\s*$", str(error), re.MULTILINE)
+        raise OSError(reasons[0] if reasons else "USD's library could not write it") from error
+
+
+def _define_curves(stage: Any, place: str, groom: Groom) -> Any:
+    """Add a prim of curves."""
+    sdf, geometry, arrays = (pxr_module(name) for name in ("Sdf", "UsdGeom", "Vt"))
+    curves = geometry.BasisCurves.Define(stage, place)
     curves.CreateTypeAttr(geometry.Tokens.linear)
     curves.CreateWrapAttr(geometry.Tokens.nonperiodic)
     vertices = groom.vertices.cpu().float().numpy()
     curves.CreatePointsAttr(arrays.Vec3fArray.FromNumpy(vertices))
     curves.CreateCurveVertexCountsAttr(arrays.IntArray.FromNumpy(groom.sizes.cpu().numpy().astype(np.int32)))
-    curves.CreateExtentAttr(arrays.Vec3fArray.FromNumpy(np.stack([vertices.min(axis=0), vertices.max(axis=0)])))
+    curves.CreateExtentAttr(_extent(vertices))
     if groom.width is not None:
         curves.CreateWidthsAttr(arrays.FloatArray.FromNumpy(groom.width.cpu().float().numpy()))
         curves.SetWidthsInterpolation(geometry.Tokens.vertex)
@@ -103,11 +127,24 @@ def write_usd(path: Path, groom: Groom) -> None:
             array = getattr(arrays, holder)
             added = primvars.CreatePrimvar(primvar, getattr(sdf.ValueTypeNames, kind), geometry.Tokens.uniform)
             added.Set(array.FromNumpy(np.ascontiguousarray(value.cpu().float().numpy())))
-    try:
-        layer.Export(str(path))
-    except tf.ErrorException as error:
-        reasons = re.findall(r"'([^']*)'\s*$", str(error), re.MULTILINE)
-        raise OSError(reasons[0] if reasons else "USD's library could not write it") from error
+    return curves
+
+
+def _move(stage: Any, curves: Any, motion: Motion) -> None:
+    """Give points a sample per frame; frames are numbered from 0."""
+    arrays = pxr_module("Vt")
+    stage.SetTimeCodesPerSecond(motion.fps)
+    stage.SetFramesPerSecond(motion.fps)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(motion.frames - 1)
+    for frame in range(motion.frames):
+        vertices = motion.vertices(frame).cpu().float().numpy()
+        curves.GetPointsAttr().Set(arrays.Vec3fArray.FromNumpy(vertices), frame)
+        curves.GetExtentAttr().Set(_extent(vertices), frame)
+
+
+def _extent(vertices: np.ndarray) -> Any:
+    return pxr_module("Vt").Vec3fArray.FromNumpy(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))
 
 
 def _check_container(path: Path) -> None:

@@ -57,7 +57,10 @@ def read_stage(path: Path) -> dict[str, np.ndarray]:
         scale, up = geometry.GetStageMetersPerUnit(stage), str(geometry.GetStageUpAxis(stage))
         if not 1e-9 < scale < 1e9:
             raise StageError("byte 0 (metersPerUnit)", "a positive number", f"{scale:g}")
-        parts = [_curves(prim, scale, up) for prim in stage.Traverse() if prim.IsA(geometry.BasisCurves)]
+        found = [prim for prim in stage.Traverse() if prim.IsA(geometry.BasisCurves)]
+        # Guides stand for strands that are there as well; a stage of guides alone is read as it is.
+        strands = [prim for prim in found if geometry.Imageable(prim).ComputePurpose() != geometry.Tokens.guide]
+        parts = [_curves(prim, scale, up) for prim in strands or found]
     except (tf.ErrorException, UnicodeDecodeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split(" : ")[-1].split())[:200]
         raise StageError("byte 0", "a USD stage", f"one that cannot be read ({reason})") from error

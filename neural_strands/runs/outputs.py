@@ -17,7 +17,7 @@ from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.thickness import strand_widths
-from neural_strands.pictures.encoding import write_png
+from neural_strands.pictures.encoding import srgb_to_linear, write_png
 from neural_strands.runs.run_folder import RunFolder
 
 
@@ -54,8 +54,3 @@ def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root poin
     target = data.views[0]
     output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(target.camera)
     write_png(path, torch.cat([output.rgb, target.image], dim=1))
-
-
-def srgb_to_linear(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Undo the sRGB transfer curve (IEC 61966-2-1)."""
-    return torch.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055).clamp(min=0) ** 2.4)

@@ -1,0 +1,98 @@
+"""`.abc` files (Alembic), through Blender in a process of its own; written only.
+
+No maintained Python package writes Alembic. Blender's module `bpy` does; because it is large, asks for one version of
+Python and is under the GPL, it may live in another environment, in which `alembic_worker.py` is run.
+
+Kept: points (y up, metres), widths and motion, of strands and guides. Either object has the custom properties
+`groom_group_id` (0) and `groom_guide` (0 or 1). Blender's exporter writes no attributes of single curves, so root uv
+and colours are not kept.
+"""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.motion import Motion
+
+WORKER = Path(__file__).with_name("alembic_worker.py")
+ADVICE = (
+    "install it (`pip install neural-strands[blender]`), or name a Python that has it with --blender "
+    "(`python3.11 -m venv blender && blender/bin/pip install bpy`)"
+)
+
+
+@dataclass(frozen=True)
+class Blender:
+    """Which Blender to use.
+
+    Attributes:
+        python: an interpreter that has the module `bpy`; this one if None.
+    """
+
+    python: Path | None = None
+
+    def check(self) -> None:
+        """See that it is there, before anything is computed.
+
+        Raises:
+            InputError: there is no such interpreter, or this one has no `bpy`.
+        """
+        if self.python is not None and not self.python.is_file():
+            raise InputError(f"{self.python}: expected a Python with Blender's module bpy, found no file; {ADVICE}.")
+        if self.python is None and importlib.util.find_spec("bpy") is None:
+            raise InputError(f"Writing .abc: expected Blender's module bpy, found none; {ADVICE}.")
+
+    def run(self, worker: Path, request: dict) -> None:
+        """Run a worker on a request.
+
+        Raises:
+            InputError: Blender is missing, or did not do what was asked.
+        """
+        self.check()
+        python = sys.executable if self.python is None else str(self.python)
+        try:
+            # -I: nothing of this environment's paths goes into the other's.
+            done = subprocess.run(
+                [python, "-I", str(worker)], input=json.dumps(request), capture_output=True, text=True, check=False
+            )
+        except OSError as error:
+            raise InputError(
+                f"{python}: expected a Python with bpy, found one that does not start ({error.strerror}); {ADVICE}."
+            ) from error
+        if done.returncode:
+            said = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:] or [f"status {done.returncode}"]
+            raise InputError(f"{python}: expected Blender to work, found: {said[0][:300]}; {ADVICE}.")
+
+
+def write_alembic(path: Path, groom: Groom, guides: Groom | None, motion: Motion | None, blender: Blender) -> None:
+    """Write strands and guides.
+
+    Raises:
+        InputError: Blender is missing or does not work.
+    """
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        objects = []
+        for name, part in (("strands", groom), ("guides", guides)):
+            if part is None:
+                continue
+            arrays = {"vertices": part.vertices, "sizes": part.sizes, "width": part.width}
+            present = {key: value.cpu().numpy() for key, value in arrays.items() if value is not None}
+            np.savez(place / f"{name}.npz", allow_pickle=False, **present)
+            objects.append({"name": name, "arrays": str(place / f"{name}.npz"), "guide": int(name == "guides")})
+        if motion is not None:
+            shape = (motion.frames, *groom.vertices.shape)
+            frames = np.lib.format.open_memmap(place / "frames.npy", "w+", np.float32, shape)
+            for frame in range(motion.frames):
+                frames[frame] = motion.vertices(frame).cpu().numpy()
+            frames.flush()
+            objects[0].update(frames=str(place / "frames.npy"), fps=motion.fps)
+        blender.run(WORKER, {"out": str(path.absolute()), "objects": objects})

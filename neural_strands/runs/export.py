@@ -1,0 +1,51 @@
+"""Export of fitted and edited hair to other programs."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+from neural_strands.editing.guides import choose_guides
+from neural_strands.editing.hair import Hair
+from neural_strands.foundation.configs import Between
+from neural_strands.geometry.resample import resample
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.scenes.alembic import Blender
+from neural_strands.grooms.scenes.scene import Scene, write_scene
+from neural_strands.model.renderer import HairRenderer
+from neural_strands.model.strand_colours import cameras_around, strand_colours
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """What an export holds."""
+
+    points: Annotated[int, Between(2, 10_000)] | None = None
+    """Points per strand; those of the hair if None."""
+    guides: Annotated[int, Between(0, 100_000)] = 500
+    """Guides, where the format holds them; 0 for none."""
+
+
+def export_hair(hair: Hair, path: Path, config: ExportConfig, blender: Blender) -> Strands:
+    """Write hair with its colours to a file; returns what was written.
+
+    Raises:
+        InputError: the suffix is unknown, Blender is needed and missing, or the file cannot be written.
+    """
+    strands = coloured(hair)
+    if config.points is not None and config.points != strands.points_per_strand:
+        strands = resample(strands, config.points)
+    strands = strands.to("cpu")
+    guides = None
+    if config.guides:
+        guides = Groom.from_strands(strands.select(choose_guides(strands.points[:, 0], config.guides)))
+    write_scene(path, Scene(Groom.from_strands(strands), guides), blender)
+    return strands
+
+
+def coloured(hair: Hair) -> Strands:
+    """The strands with a colour each, from the model that renders them; those of a groom alone as they are."""
+    if hair.model is None:
+        return hair.strands
+    renderer = HairRenderer.of(hair.model, hair.strands)
+    return replace(hair.strands, color=strand_colours(renderer, cameras_around(renderer)))
