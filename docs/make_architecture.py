@@ -1,4 +1,4 @@
-"""Draw docs/pictures/architecture.svg: the packages on their layers, and which of them import which.
+"""Draw docs/pictures/architecture.svg: the packages and the module `api` on their layers, and what each imports.
 
     python docs/make_architecture.py            # write the picture
     python docs/make_architecture.py --check    # exit with status 1 if the picture is out of date
@@ -39,7 +39,7 @@ def imports() -> Imports:
     """Read the imports of every module, those inside functions included."""
     found: Imports = {name: set() for layer in layers() for name in layer}
     for name, used in found.items():
-        for path in sorted((ROOT / PACKAGE / name).rglob("*.py")):
+        for path in sorted((ROOT / PACKAGE / name).rglob("*.py")) or [ROOT / PACKAGE / f"{name}.py"]:
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
                 modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

@@ -40,6 +40,12 @@ class Capture:
         folder: the folder of the capture.
         files: of each view, in the order of the calibration.
         cache: decoded images, shared by every subset of this capture.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> capture = ns.Capture.load("capture").subset([0, 2])
+        >>> [camera.name for camera in capture.cameras]
+        ['000.png', '002.png']
     """
 
     folder: Path

@@ -69,7 +69,15 @@ class FitRates:
 
 @dataclass(frozen=True)
 class FitConfig:
-    """The resolved settings of one fit, saved with its results and compared on resume."""
+    """The resolved settings of one fit, saved with its results and compared on resume.
+
+    Examples:
+        >>> from dataclasses import replace
+        >>> import neural_strands as ns
+        >>> config = ns.FitConfig(steps=1000)
+        >>> replace(config, weights=replace(config.weights, alpha=0.3)).weights.alpha
+        0.3
+    """
 
     steps: Annotated[int, Between(1, 10_000_000)] = 5000
     """Number of optimisation steps."""
@@ -130,9 +138,16 @@ def preset(name: str) -> FitConfig:
 
     Raises:
         InputError: no preset has that name.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> ns.preset("demo").steps, ns.preset("fast").steps, ns.preset("paper").steps
+        (400, 5000, 12000)
     """
     if name not in get_args(Preset):
-        raise InputError(f"--preset: expected one of {', '.join(get_args(Preset))}, found {excerpt(name)}.")
+        raise InputError(
+            f"preset: expected one of {', '.join(get_args(Preset))}, found {excerpt(name)}; name one of these."
+        )
     small = HairModelConfig(
         textures=ScalpTextureConfig(shape_size=128, appearance_size=128, appearance_knots=4),
         unet=UNetConfig(widths=(12, 24, 32)),

@@ -21,7 +21,7 @@ def find_segments(
     capture: Capture,
     head: Head,
     config: FitConfig,
-    work: Path,
+    work: Path | None,
     track: Callable[[Iterable, str, int], Iterable],
     device: torch.device | str = "cpu",
 ) -> LineSegments:
@@ -31,7 +31,7 @@ def find_segments(
         capture: the views that may be used.
         head: the head in the cameras' frame; hair grows away from its scalp, not from its shoulders.
         config: the settings of stereo and growth directions, and the seed.
-        work: folder for finished views, so that a stopped run continues.
+        work: folder that keeps finished views, so that a stopped run continues; None keeps nothing.
         track: shows progress of a loop.
         device: where the stereo is computed; growth directions are computed on the CPU.
     """

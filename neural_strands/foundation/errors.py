@@ -12,6 +12,14 @@ class InputError(Exception):
     """Bad input: one sentence that names the file, what was expected, what was found, and what to do.
 
     The command line prints the sentence without a traceback and exits with status 2.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> try:
+        ...     ns.load_capture("nowhere")
+        ... except ns.InputError as error:
+        ...     print(error)
+        nowhere: expected a capture folder, found nothing.
     """
 
 

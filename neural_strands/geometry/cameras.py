@@ -20,6 +20,14 @@ class Camera:
         width: image width in pixels.
         height: image height in pixels.
         name: of the view, in messages and files.
+
+    Examples:
+        >>> import torch
+        >>> import neural_strands as ns
+        >>> eye, target = torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3)
+        >>> camera = ns.Camera.look_at(eye, target, focal=600.0, size=(512, 256), name="front")
+        >>> camera.position, camera.resized(256, 128).intrinsics[0, 0]
+        (tensor([0., 0., 1.]), tensor(300.))
     """
 
     intrinsics: Float[Tensor, "3 3"]

@@ -18,6 +18,14 @@ class LineSegments:
         directions: unit tangents; unsigned (sign arbitrary) until growth gives them one.
         confidence: in [0, 1].
         segment_id: the segment of each point, non-decreasing from 0.
+
+    Examples:
+        >>> import torch
+        >>> import neural_strands as ns
+        >>> up = torch.tensor([0.0, 1.0, 0.0]).expand(5, 3)
+        >>> segments = ns.LineSegments(up.cumsum(0), up, torch.ones(5), torch.tensor([0, 0, 0, 1, 1]))
+        >>> segments.segment_count, len(segments.lines())
+        (2, 3)
     """
 
     points: Float[Tensor, "point 3"]

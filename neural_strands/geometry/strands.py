@@ -21,6 +21,13 @@ class Strands:
         unseen: share of each strand's points that no photograph could see, in [0, 1].
         t: parameter of each point on the strand as it was fitted, 0 at its root and 1 at its tip; a cut or a resampling
             keeps it, so that what is left looks as before. None: evenly spaced from 0 to 1.
+
+    Examples:
+        >>> import torch
+        >>> import neural_strands as ns
+        >>> strands = ns.Strands(torch.zeros(10, 100, 3))
+        >>> len(strands), strands.points_per_strand, len(strands.select(torch.arange(3)))
+        (10, 100, 3)
     """
 
     points: Float[Tensor, "strand point 3"]

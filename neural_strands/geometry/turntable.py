@@ -28,6 +28,12 @@ def turntable_cameras(
 
     Raises:
         ValueError: there is no finite point to look at.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> strands = ns.read_groom("run/groom.npz").strands()
+        >>> [camera.name for camera in ns.turntable_cameras(strands.points, count=3, size=(64, 64))]
+        ['0000', '0001', '0002']
     """
     flat = points.reshape(-1, 3)
     flat = flat[flat.isfinite().all(dim=1)]

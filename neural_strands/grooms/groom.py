@@ -31,6 +31,16 @@ class Groom:
         color: linear RGB of each strand in [0, 1].
         unseen: share of each strand's points that no photograph could see, in [0, 1].
         t: parameter of each vertex on the strand as it was fitted (`geometry.strands.Strands.t`).
+
+    Examples:
+        >>> import torch
+        >>> import neural_strands as ns
+        >>> vertices = torch.tensor([[0.0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0, 1], [1, 0, 3]])
+        >>> groom = ns.Groom(vertices, offsets=torch.tensor([0, 2, 5]))
+        >>> len(groom), groom.lengths().tolist()
+        (2, [1.0, 3.0])
+        >>> groom.strands(points=4).points.shape
+        torch.Size([2, 4, 3])
     """
 
     vertices: Float[Tensor, "vertex 3"]

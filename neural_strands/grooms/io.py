@@ -57,6 +57,12 @@ def read_groom(path: Path | str) -> Groom:
 
     Raises:
         InputError: the suffix is unknown, or the file is not what it claims to be.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> groom = ns.read_groom("run/groom.npz")
+        >>> len(groom), groom.sizes.unique()
+        (200, tensor([24]))
     """
     path = Path(path)
     if not path.is_file():

@@ -20,6 +20,13 @@ class HairRenderer:
         model: renders.
         strands: world metres, with `root_uv`.
         volume: density of these strands.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> renderer = ns.HairRenderer.of(ns.load_model("run"))
+        >>> cameras = ns.turntable_cameras(renderer.strands.points, count=2, size=(32, 24))
+        >>> [tuple(renderer.render(camera).rgb.shape) for camera in cameras]
+        [(24, 32, 3), (24, 32, 3)]
     """
 
     model: HairModel

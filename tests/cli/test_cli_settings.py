@@ -54,7 +54,7 @@ def test_a_run_and_a_part_of_it_are_accepted_as_files(tmp_path):
         ("--config.stereo.confirming inf", "--config: stereo.confirming: expected a finite number"),
         ("--config none.json", "none.json: expected settings"),
         ("--preset slow", "--preset: expected one of"),
-        ("--preset slow --config.steps 3", "--preset: expected one of demo, fast, paper, found 'slow'"),
+        ("--preset slow --config.steps 3", "preset: expected one of demo, fast, paper, found 'slow'"),
         ("--minutes inf", "--minutes: expected a finite number"),
         ("--minutes -1", "--minutes: expected a finite number from 0.01"),
         ("--steps 0", "--steps: expected a whole number from 1"),
