@@ -40,6 +40,7 @@ COMMANDS = {
     "render": Entry("render:Render", "render a fitted model from any camera"),
     "edit": Entry("edit:Edit", "cut fitted hair, or change it otherwise"),
     "export": Entry("export:Export", "write hair for Blender, Unreal, web pages and other programs"),
+    "view": Entry("view:View", "show a run, a groom or a capture in the browser"),
     "demo": Entry("demo:Demo", "make a small capture, reconstruct it and score it"),
     "info": Entry("info:Info", "say what a groom holds"),
     "convert": Entry("convert:Convert", "convert a groom into another format"),

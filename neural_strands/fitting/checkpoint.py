@@ -3,10 +3,15 @@
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
 from neural_strands.fitting.fit import FitState
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, tensor_bytes
 from neural_strands.foundation.tensor_files import difference, read_tensors
+from neural_strands.model.files import hair_model_from_tensors
+from neural_strands.model.hair_model import HairModel, HairModelConfig
+from neural_strands.prior.generator import StrandGenerator
 
 ADVICE = "delete it to start again"
 
@@ -45,6 +50,24 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     state.remembered, state.drawn = content["remembered"].to(device), content["drawn"].to(device)
     state.first = content["first"].to(device)
     state.step = content["step"]
+
+
+def load_model(path: Path, config: HairModelConfig, generator: StrandGenerator) -> HairModel:
+    """Read the hair model alone from a checkpoint, to look at it while the fit goes on.
+
+    Args:
+        path: the checkpoint.
+        config: of the model, as the run's description says.
+        generator: the strand generator that the fit uses.
+
+    Raises:
+        InputError: the file is damaged, belongs to another fit, or holds NaN.
+    """
+    content = read_tensors(path, "a fit's checkpoint, whole", ADVICE)
+    tensors = content.get("model") if isinstance(content, dict) else None
+    if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
+        raise InputError(f"{path}: expected a fit's checkpoint, whole, found none of a hair model in it; {ADVICE}.")
+    return hair_model_from_tensors(path, tensors, config, generator)
 
 
 def _content(state: FitState) -> dict[str, Any]:

@@ -80,12 +80,37 @@ def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairMod
     except (SafetensorError, OSError, ValueError) as error:
         raise _broken(folder / WEIGHTS_NAME, f"something else ({reason(error)})") from error
     _check_tensors(folder / WEIGHTS_NAME, tensors, config)
+    return _model(folder, CONFIG_NAME, tensors, config, StrandGenerator(generator_config)).to(device)
+
+
+def hair_model_from_tensors(
+    path: Path, tensors: dict[str, Tensor], config: HairModelConfig, generator: StrandGenerator
+) -> HairModel:
+    """Build a model from its state without the generator's weights, as a checkpoint holds it.
+
+    Args:
+        path: the file that the tensors come from, for messages.
+        tensors: `state_dict` of the model without the entries of the generator.
+        config: of the model.
+        generator: the strand generator that the model was fitted with.
+
+    Raises:
+        InputError: the tensors are not those of such a model, or are not finite.
+    """
+    _check_tensors(path, tensors, config)
+    weights = {f"generator.{name}": value for name, value in generator.state_dict().items()}
+    return _model(path, "the settings of its run", tensors | weights, config, generator)
+
+
+def _model(
+    path: Path, settings: str, tensors: dict[str, Tensor], config: HairModelConfig, generator: StrandGenerator
+) -> HairModel:
     try:
-        model = HairModel(config, _roots(tensors), StrandGenerator(generator_config), _body(tensors), torch.Generator())
+        model = HairModel(config, _roots(tensors), generator, _body(tensors), torch.Generator())
         model.load_state_dict(tensors)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
-        raise _broken(folder, f"weights that do not fit {CONFIG_NAME}: {reason(error)}") from error
-    return model.to(device)
+        raise _broken(path, f"weights that do not fit {settings}: {reason(error)}") from error
+    return model
 
 
 def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConfig) -> None:

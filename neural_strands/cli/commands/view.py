@@ -1,0 +1,65 @@
+"""`neural-strands view`: hair in the browser."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.foundation.errors import InputError
+from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
+
+if TYPE_CHECKING:
+    import viser
+
+
+@dataclass(frozen=True)
+class View:
+    """Show a run, a groom or a capture on a page in the browser, and edit and save its hair there.
+
+    A run may still be fitted: the page shows its newest state. Ctrl-C ends it.
+    """
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Folder of a run, a model or a capture, or a groom file."""
+    port: int = 8080
+    """Port of the page; the next free one is taken where it is in use. 0 takes any."""
+    host: str = LOOPBACK
+    """Address to serve the page on. Anything but this machine's own lets others on the network see and edit."""
+    device: DeviceName = "auto"
+    """Where to render."""
+
+    def run(self) -> None:
+        """Serve the page until Ctrl-C."""
+        if not self.path.exists():
+            raise InputError(f"{self.path}: expected a run, a groom or a capture, found nothing; check the path.")
+        server = start_server(self.host, self.port)
+        try:
+            # The page is there before torch is loaded and the files are read.
+            server.gui.add_markdown(f"Opening {self.path.name} …")
+            port = server.get_port()
+            if self.port not in (0, port):
+                say(f"port {self.port} is in use; taking {port}")
+            say(f"open http://{self.host}:{port} in a browser; Ctrl-C ends this")
+            self._serve(server)
+        finally:
+            stop_server(server)
+
+    def _serve(self, server: "viser.ViserServer") -> None:
+        from neural_strands.viewer.serve import ServedPage
+
+        served = ServedPage(server, self.path, pick_device(self.device))
+        try:
+            served.follow()
+        except KeyboardInterrupt:
+            say("the page is closed")
+        finally:
+            served.close()
+
+
+def say(sentence: str) -> None:
+    """Report one sentence on standard output, at once."""
+    sys.stdout.write(f"{sentence}\n")
+    sys.stdout.flush()

@@ -1,0 +1,51 @@
+"""One picture of the hair for one browser: as small as it must be while the camera moves, and beside a photograph."""
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import UInt8
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.model.renderer import HairRenderer
+from neural_strands.pictures.encoding import to_bytes
+
+Pixels = UInt8[np.ndarray, "height width 3"]
+
+
+def rendered(renderer: HairRenderer, camera: Camera) -> Pixels:
+    """The hair over body and background, encoded (sRGB)."""
+    return to_bytes(renderer.render(camera).rgb)
+
+
+def seen_by(
+    photograph: UInt8[np.ndarray, "taken_height taken_width 3"], taken: Camera, camera: Camera, behind: Pixels
+) -> Pixels:
+    """A photograph as another camera at the same place and with the same axes sees it, over `behind`.
+
+    Args:
+        photograph: encoded.
+        taken: the camera that took it.
+        camera: the other one; only its intrinsics and size may differ.
+        behind: what shows where the photograph has no pixels, of the other camera's size.
+    """
+    change = (camera.intrinsics @ torch.linalg.inv(taken.intrinsics)).double().cpu().numpy()
+    # Our pixel centres lie at +0.5, OpenCV's at 0.
+    shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    warp = (np.linalg.inv(shift) @ change @ shift)[:2]
+    size = (camera.width, camera.height)
+    smaller = np.sqrt(abs(np.linalg.det(warp[:, :2])))
+    if smaller < 1:
+        # Each pixel of the result covers several of the photograph.
+        photograph = cv2.GaussianBlur(photograph, (0, 0), 0.5 * np.sqrt(1 / smaller**2 - 1) + 1e-3)
+    warped = cv2.warpAffine(photograph, warp, size, flags=cv2.INTER_LINEAR)
+    inside = cv2.warpAffine(np.ones(photograph.shape[:2], np.float32), warp, size)[..., None]
+    return np.where(inside > 0.999, warped, behind)
+
+
+def wiped(left: Pixels, right: Pixels, share: float) -> Pixels:
+    """One picture up to `share` of the width, the other beyond, a white line between."""
+    column = round(share * left.shape[1])
+    picture = np.concatenate([left[:, :column], right[:, column:]], axis=1)
+    if 0 < column < left.shape[1]:
+        picture[:, max(column - 1, 0) : column + 1] = 255
+    return picture

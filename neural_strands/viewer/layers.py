@@ -1,0 +1,103 @@
+"""What a page draws in space, apart from the rendered picture: strands, segments, head and cameras."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.pictures.encoding import to_bytes
+from neural_strands.viewer.line_colours import Colouring, segment_lines, strand_lines
+from neural_strands.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    import viser
+
+STRANDS, SEGMENTS, HEAD, CAMERAS = "/strands", "/segments", "/head", "/cameras"
+LINE_PIXELS = 1.5
+SKIN = (204, 194, 186)
+THUMBNAIL = 128
+"""Pixels along the longer side of a photograph in space."""
+FRUSTUM = 0.04
+"""Size of a camera in space, metres."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One kind of thing in space.
+
+    Attributes:
+        name: of its node, or of the parent of its nodes.
+        label: for people.
+        draw: adds it, or replaces it.
+        at_first: whether a page starts with it.
+    """
+
+    name: str
+    label: str
+    draw: "Callable[[viser.ViserServer, Scene, Colouring], None]"
+    at_first: bool
+
+
+def layers_of(scene: Scene) -> list[Layer]:
+    """The layers that a scene has something for; a rendered picture needs none of them at first."""
+    found = []
+    if scene.strands is not None and len(scene.strands):
+        found.append(Layer(STRANDS, "Strands as lines", _draw_strands, scene.renderer is None))
+    if scene.segments is not None and len(scene.segments):
+        found.append(Layer(SEGMENTS, "Stereo segments", _draw_segments, False))
+    if scene.head is not None and len(scene.head.faces):
+        found.append(Layer(HEAD, "Head", _draw_head, scene.renderer is None))
+    if scene.photographs is not None:
+        found.append(Layer(CAMERAS, "Cameras with photographs", _draw_cameras, scene.kind == "capture"))
+    return found
+
+
+def _draw_strands(server: "viser.ViserServer", scene: Scene, colouring: Colouring) -> None:
+    assert scene.strands is not None
+    points, colours = strand_lines(scene.strands, colouring)
+    server.scene.add_line_segments(STRANDS, points, colours, thickness=LINE_PIXELS, thickness_units="screen")
+
+
+def _draw_segments(server: "viser.ViserServer", scene: Scene, _: Colouring) -> None:
+    assert scene.segments is not None
+    points, colours = segment_lines(scene.segments)
+    server.scene.add_line_segments(SEGMENTS, points, colours, thickness=LINE_PIXELS, thickness_units="screen")
+
+
+def _draw_head(server: "viser.ViserServer", scene: Scene, _: Colouring) -> None:
+    assert scene.head is not None
+    vertices, faces = scene.head.vertices.numpy(), scene.head.faces.numpy().astype(np.uint32)
+    server.scene.add_mesh_simple(HEAD, vertices, faces, color=SKIN, side="double")
+
+
+def _draw_cameras(server: "viser.ViserServer", scene: Scene, _: Colouring) -> None:
+    assert scene.photographs is not None
+    small = scene.photographs.reduced(THUMBNAIL)
+    server.scene.add_frame(CAMERAS, show_axes=False)
+    for index, camera in enumerate(small.cameras):
+        server.scene.add_camera_frustum(
+            f"{CAMERAS}/{index}",
+            fov=2 * float(torch.atan(0.5 * camera.height / camera.intrinsics[1, 1])),
+            aspect=camera.width / camera.height,
+            scale=FRUSTUM,
+            image=to_bytes(small.image(index)),
+            wxyz=wxyz_of(camera),
+            position=tuple(camera.position.tolist()),
+        )
+
+
+def hide(server: "viser.ViserServer", name: str) -> None:
+    """Remove what is drawn under a name, if anything is."""
+    if server.scene.get_handle_by_name(name) is not None:
+        server.scene.remove_by_name(name)
+
+
+def wxyz_of(camera: Camera) -> tuple[float, float, float, float]:
+    """Rotation from camera to world as a quaternion."""
+    from viser.transforms import SO3
+
+    w, x, y, z = SO3.from_matrix(camera.rotation.T.double().cpu().numpy()).wxyz.tolist()
+    return w, x, y, z

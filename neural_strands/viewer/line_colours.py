@@ -1,0 +1,78 @@
+"""Strands and segments as lines that a browser can draw: few enough of them, and their colours."""
+
+from typing import Literal, get_args
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.strands import Strands, directions
+from neural_strands.pictures.encoding import to_bytes
+from neural_strands.pictures.lines import direction_colour
+
+Colouring = Literal["hair colour", "direction", "root"]
+COLOURINGS: tuple[Colouring, ...] = get_args(Colouring)
+MOST_LINES = 120_000
+"""Straight pieces that a browser draws smoothly without a graphics card."""
+POINTS = 20
+"""Points of a strand as drawn, if it has more."""
+PLAIN = (0.45, 0.30, 0.18)
+"""Colour of strands that have none of their own, sRGB."""
+
+
+def strand_lines(
+    strands: Strands, colouring: Colouring, most: int = MOST_LINES
+) -> tuple[Float[np.ndarray, "line 2 3"], UInt8[np.ndarray, "line 2 3"]]:
+    """Ends of the straight pieces of strands, and the colour of each end.
+
+    Args:
+        strands: world metres; all of them, or every so manieth where there are too many.
+        colouring: what the colour says.
+        most: pieces.
+    """
+    count, points, _ = strands.points.shape
+    kept = torch.linspace(0, points - 1, min(points, POINTS)).round().long()
+    every = max(1, -(-count * (len(kept) - 1) // most))
+    thin = strands.select(torch.arange(0, count, every))
+    drawn = thin.points[:, kept]
+    colour = _colours(thin, drawn, colouring)
+    ends = torch.stack([drawn[:, :-1], drawn[:, 1:]], dim=2).reshape(-1, 2, 3)
+    colours = torch.stack([colour[:, :-1], colour[:, 1:]], dim=2).reshape(-1, 2, 3)
+    finite = ends.isfinite().all(dim=2).all(dim=1)
+    return ends[finite].float().numpy(), to_bytes(colours[finite])
+
+
+def segment_lines(
+    segments: LineSegments, most: int = MOST_LINES
+) -> tuple[Float[np.ndarray, "line 2 3"], UInt8[np.ndarray, "line 2 3"]]:
+    """Ends of the pieces of line segments, coloured by direction; whole segments are left out where there are many."""
+    every = max(1, -(-len(segments) // most))
+    lines = segments.select(segments.segment_id % every == 0).lines()
+    along = torch.nn.functional.normalize(lines[:, 1] - lines[:, 0], dim=-1)
+    return lines.float().numpy(), to_bytes(direction_colour(along)[:, None].expand(-1, 2, -1))
+
+
+def _colours(strands: Strands, drawn: Float[Tensor, "s p 3"], colouring: Colouring) -> Float[Tensor, "s p 3"]:
+    if colouring == "direction":
+        return direction_colour(directions(drawn))
+    if colouring == "root":
+        return _root_colours(strands)[:, None].expand_as(drawn)
+    if strands.color is None:
+        return drawn.new_tensor(PLAIN).expand_as(drawn)
+    return linear_to_srgb(strands.color)[:, None].expand_as(drawn)
+
+
+def _root_colours(strands: Strands) -> Float[Tensor, "s 3"]:
+    """Colours that differ between neighbouring places of the scalp: its chart, or else the position of the roots."""
+    roots = strands.points[:, 0] if strands.root_uv is None else strands.root_uv
+    low, high = roots.amin(dim=0), roots.amax(dim=0)
+    place = (roots - low) / (high - low).clamp(min=1e-9)
+    return torch.cat([place[:, :2], 1 - place[:, :1]], dim=1)
+
+
+def linear_to_srgb(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """The sRGB transfer curve (IEC 61966-2-1)."""
+    low, high = 12.92 * colour, 1.055 * colour.clamp(min=1e-9) ** (1 / 2.4) - 0.055
+    return torch.where(colour <= 0.0031308, low, high)

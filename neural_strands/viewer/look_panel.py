@@ -1,0 +1,63 @@
+"""The controls of what is shown: the rendered picture, and what is drawn in space."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from neural_strands.viewer.layers import STRANDS, Layer, hide, layers_of
+from neural_strands.viewer.line_colours import COLOURINGS
+from neural_strands.viewer.notices import told
+from neural_strands.viewer.page import Page
+
+if TYPE_CHECKING:
+    import viser
+
+
+def add_look_panel(page: Page) -> Callable[[], None]:
+    """Add the controls that the scene has something to show for, and draw what is shown at first.
+
+    Returns:
+        draws anew what the page's scene has changed.
+    """
+    from viser import Icon
+
+    gui, scene = page.server.gui, page.scene
+    start = gui.add_button("Face in front", icon=Icon.HOME)
+    start.on_click(lambda event: event.client and page.start(event.client))
+    if scene.renderer is not None:
+        neural = gui.add_checkbox(
+            "Rendered hair", initial_value=page.look.neural, hint="The hair as the fitted model renders it"
+        )
+        neural.on_update(lambda _: page.set_look(replace(page.look, neural=neural.value)))
+    layers = {layer.name: layer for layer in layers_of(scene)}
+    shown: set[str] = set()
+
+    def toggle(layer: Layer, event: "viser.GuiEvent") -> None:
+        if not event.target.value:
+            shown.discard(layer.name)
+            hide(page.server, layer.name)
+            return
+        shown.add(layer.name)
+        with told(event.client, f"Drawing: {layer.label.lower()}"):
+            layer.draw(page.server, page.scene, page.look.colouring)
+
+    def draw_strands() -> None:
+        if STRANDS in shown:
+            layers[STRANDS].draw(page.server, page.scene, page.look.colouring)
+
+    for layer in layers.values():
+        box = gui.add_checkbox(layer.label, initial_value=layer.at_first)
+        box.on_update(partial(toggle, layer))
+        if layer.at_first:
+            shown.add(layer.name)
+            layer.draw(page.server, scene, page.look.colouring)
+    if STRANDS in layers:
+        colouring = gui.add_dropdown("Colour of lines", COLOURINGS, initial_value=page.look.colouring)
+
+        @colouring.on_update
+        def _(_: object) -> None:
+            page.set_look(replace(page.look, colouring=colouring.value))
+            draw_strands()
+
+    return draw_strands

@@ -1,0 +1,121 @@
+"""From a path to a scene: a run, finished or still being fitted, a groom file, or a capture."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import read_head
+from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.strands import Strands
+from neural_strands.grooms.io import check_suffix, read_groom
+from neural_strands.lmvs.files import load_segments
+from neural_strands.model.files import CONFIG_NAME, load_hair_model
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.renderer import HairRenderer
+from neural_strands.runs.newest_model import StateFile, load_newest_model
+from neural_strands.runs.run_folder import RunFolder, found_again, read_description
+from neural_strands.viewer.scene import Scene
+
+WIDEST_ROOTS = 0.6
+"""Metres that the roots of hair in metres span at most; a groom whose roots span more is in centimetres or so."""
+ROOT_SPAN = 0.2
+"""Metres that the roots of a head of hair span along the longest axis."""
+
+
+def kind_of(path: Path) -> str:
+    """Say whether a path is a run, a model, a groom or a capture, without reading it.
+
+    Raises:
+        InputError: it is none of them.
+    """
+    if path.is_file():
+        check_suffix(path)
+        return "groom"
+    if not path.is_dir():
+        raise InputError(f"{path}: expected a run, a groom or a capture, found nothing there; check the path.")
+    if RunFolder(path).description.is_file():
+        return "run"
+    return "model" if (path / CONFIG_NAME).is_file() else "capture"
+
+
+def open_groom(path: Path) -> Scene:
+    """Read a groom; one that is obviously not in metres is shrunk to the size of a head of hair.
+
+    Raises:
+        InputError: the file is not a groom.
+    """
+    groom = read_groom(path)
+    roots, note = groom.roots, ""
+    span = float((roots.amax(dim=0) - roots.amin(dim=0)).max()) if len(groom) else 0.0
+    if span > WIDEST_ROOTS:
+        scale = 10.0 ** round(math.log10(ROOT_SPAN / span))
+        groom = groom.transformed(torch.eye(3), scale)
+        note = f"The file is not in metres: it is shown at {scale:g} times its size, as if its roots covered a head."
+    size = groom.uniform_size
+    return Scene(path, "groom", strands=groom.strands(None if size else 100), note=note)
+
+
+def open_capture(path: Path) -> Scene:
+    """Open a capture: cameras, photographs, and its head and true strands if there are any.
+
+    Raises:
+        InputError: the folder is not a capture, or one of its files is broken.
+    """
+    capture = Capture.load(path)
+    file = read_head(capture)
+    head = None if file is None else file.mesh
+    return Scene(path, "capture", strands=capture.ground_truth, head=head, photographs=capture.views_on())
+
+
+def open_model(path: Path, device: torch.device) -> Scene:
+    """Open the folder of a hair model alone.
+
+    Raises:
+        InputError: the folder is not a model.
+    """
+    return _shown_model(Scene(path, "model"), load_hair_model(path, device))
+
+
+def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene:
+    """Open a run with its newest state, its segments, and its photographs where they still are.
+
+    Args:
+        path: folder of the run.
+        state: the newest state, or None before the fit has written any; the capture alone is shown then.
+        device: where to render.
+
+    Raises:
+        InputError: a file of the run is damaged.
+    """
+    folder = RunFolder(path)
+    described = read_description(folder)
+    place = found_again(folder, described, described.capture)
+    base = Scene(path, "run", note=f"The photographs are not at {place} any more.")
+    if place.is_dir():
+        base = replace(open_capture(place), path=path, kind="run", strands=None)
+    if folder.segments.is_file():
+        base = replace(base, segments=load_segments(folder.segments))
+    if state is None:
+        return replace(base, note="The fit has not saved a state yet; the hair appears as soon as it has.")
+    return _shown_model(base, load_newest_model(folder, state, device))
+
+
+@torch.no_grad()
+def _shown_model(base: Scene, model: HairModel) -> Scene:
+    renderer = HairRenderer.of(model.eval())
+    strands = renderer.strands.to("cpu")
+    return replace(
+        base, renderer=renderer, strands=with_run_colours(base.path, strands), head=model.body.mesh.to("cpu")
+    )
+
+
+def with_run_colours(path: Path, strands: Strands) -> Strands:
+    """The strands with the colours of the run's groom, where that has been written and has as many strands."""
+    written = RunFolder(path).groom_arrays
+    if not written.is_file():
+        return strands
+    color = read_groom(written).color
+    return strands if color is None or len(color) != len(strands) else replace(strands, color=color)

@@ -1,0 +1,217 @@
+"""A page: one scene that all browsers share, each with a camera and a picture of its own."""
+
+import threading
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.pictures.encoding import to_bytes
+from neural_strands.viewer.cameras import PageCamera, Pose, photograph_pose, start_pose
+from neural_strands.viewer.frames import Pixels, rendered, seen_by, wiped
+from neural_strands.viewer.line_colours import Colouring
+from neural_strands.viewer.render_loop import RenderLoop
+from neural_strands.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    import viser
+
+JPEG_QUALITY = 85
+PAPER = 255
+"""Level behind a photograph where there is no rendering."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What all browsers see, beside where their cameras stand.
+
+    Attributes:
+        neural: whether the rendered picture lies behind everything else.
+        wipe: share of the width on which a photograph covers the rendering, for a browser at its camera.
+        colouring: what the colours of lines say.
+    """
+
+    neural: bool = True
+    wipe: float = 0.5
+    colouring: Colouring = "hair colour"
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A browser whose camera stands where the page has put it, until a person moves it.
+
+    Attributes:
+        pose: where.
+        aspect: width of the canvas over its height, for which the pose was chosen.
+        photograph: index of the photograph that was taken there; None in front of the face.
+        arrived: whether the browser has said so; until then it may still report where it was.
+    """
+
+    pose: Pose
+    aspect: float
+    photograph: int | None = None
+    arrived: bool = False
+
+
+@dataclass(frozen=True)
+class FrameRequest:
+    """Everything that a picture shows; equal requests give the same picture.
+
+    Attributes:
+        camera: the browser's.
+        scene: what to render.
+        look: shared settings.
+        photograph: index of the photograph to compare with, or None.
+    """
+
+    camera: PageCamera
+    scene: Scene
+    look: Look
+    photograph: int | None = None
+
+
+class Page:
+    """The state behind a page.
+
+    Attributes:
+        server: viser's.
+        scene: as shown now, edits included.
+        look: as set in the panel.
+    """
+
+    def __init__(self, server: "viser.ViserServer", scene: Scene) -> None:
+        """Show a scene to every browser that comes."""
+        self.server = server
+        self.scene = scene
+        self.look = Look()
+        self._standing: dict[int, Standing] = {}
+        self._lock = threading.Lock()
+        self._loop = RenderLoop(self._draw)
+        server.scene.set_up_direction("+y")
+        server.on_client_connect(self._welcome)
+        server.on_client_disconnect(self._part)
+
+    def close(self) -> None:
+        """End the drawing thread."""
+        self._loop.stop()
+
+    def show(self, scene: Scene) -> None:
+        """Show other hair, or another head, from where each browser looks."""
+        self.scene = scene
+        self.redraw()
+
+    def set_look(self, look: Look) -> None:
+        """Change what all browsers see."""
+        self.look = look
+        self.redraw()
+
+    def redraw(self) -> None:
+        """Draw anew for every browser."""
+        for client in self.server.get_clients().values():
+            self._ask(client)
+
+    def start(self, client: "viser.ClientHandle") -> None:
+        """Put a browser's camera in front of the face."""
+        self._stand(client, None)
+
+    def jump(self, client: "viser.ClientHandle", photograph: int) -> None:
+        """Put a browser's camera where a photograph was taken.
+
+        Raises:
+            InputError: there are no photographs.
+        """
+        if self.scene.photographs is None:
+            raise InputError(f"{self.scene.path}: expected photographs, found none; open a run that has some.")
+        self._stand(client, photograph)
+
+    def camera_of(self, client: "viser.ClientHandle") -> PageCamera:
+        """Where a browser looks from."""
+        w, x, y, z = (float(value) for value in client.camera.wxyz)
+        right, up, back = (float(value) for value in client.camera.position)
+        aspect = min(max(client.camera.aspect, 0.05), 20.0)
+        return PageCamera((w, x, y, z), (right, up, back), client.camera.fov, aspect)
+
+    def _stand(self, client: "viser.ClientHandle", photograph: int | None) -> None:
+        points, aspect, views = self._points(), self.camera_of(client).aspect, self.scene.photographs
+        if photograph is None or views is None:
+            pose = start_pose(points, aspect)
+        else:
+            centre = points.mean(dim=0) if len(points) else torch.zeros(3)
+            pose = photograph_pose(views.cameras[photograph].to("cpu"), aspect, centre)
+        with self._lock:
+            self._standing[client.client_id] = Standing(pose, aspect, photograph)
+        place(client, pose)
+        self._ask(client)
+
+    def _points(self) -> torch.Tensor:
+        """What the first view has to hold: the hair, or else the head."""
+        if self.scene.strands is not None and len(self.scene.strands):
+            return self.scene.strands.points.reshape(-1, 3)
+        return torch.zeros(0, 3) if self.scene.head is None else self.scene.head.vertices
+
+    def _welcome(self, client: "viser.ClientHandle") -> None:
+        client.camera.on_update(lambda _: self._moved(client))
+        self.start(client)
+
+    def _part(self, client: "viser.ClientHandle") -> None:
+        self._loop.forget(client.client_id)
+        with self._lock:
+            self._standing.pop(client.client_id, None)
+
+    def _moved(self, client: "viser.ClientHandle") -> None:
+        """Follow a browser's camera.
+
+        One that stands where the page has put it stays framed when the window changes; a person who moves it leaves.
+        """
+        camera, resized = self.camera_of(client), False
+        with self._lock:
+            standing = self._standing.get(client.client_id)
+            if standing is not None:
+                if camera.stands_at(standing.pose):
+                    self._standing[client.client_id] = replace(standing, arrived=True)
+                    resized = camera.aspect != standing.aspect
+                elif standing.arrived:
+                    del self._standing[client.client_id]
+        if standing is not None and resized:
+            self._stand(client, standing.photograph)
+        else:
+            self._ask(client)
+
+    def _ask(self, client: "viser.ClientHandle") -> None:
+        with self._lock:
+            standing = self._standing.get(client.client_id)
+        photograph = standing.photograph if standing is not None and standing.arrived else None
+        self._loop.ask(client.client_id, FrameRequest(self.camera_of(client), self.scene, self.look, photograph))
+
+    def _draw(self, browser: int, request: FrameRequest, size: int) -> None:
+        """Draw one picture and send it."""
+        picture = picture_of(request, size)
+        client = self.server.get_clients().get(browser)
+        if client is not None:
+            client.scene.set_background_image(picture, format="jpeg", jpeg_quality=JPEG_QUALITY)
+
+
+def picture_of(request: FrameRequest, size: int) -> Pixels | None:
+    """The picture of a request with `size` pixels along its longer side; None where nothing is to be shown."""
+    scene, camera = request.scene, request.camera.sized(size)
+    ours = None
+    if request.look.neural and scene.renderer is not None:
+        ours = rendered(scene.renderer, camera)
+    if request.photograph is None or scene.photographs is None:
+        return ours
+    paper = np.full((camera.height, camera.width, 3), PAPER, np.uint8)
+    taken = scene.photographs.cameras[request.photograph].to("cpu")
+    photograph = to_bytes(scene.photographs.image(request.photograph))
+    behind = paper if ours is None else ours
+    return wiped(seen_by(photograph, taken, camera, behind), behind, request.look.wipe)
+
+
+def place(client: "viser.ClientHandle", pose: Pose) -> None:
+    """Move a browser's camera."""
+    with client.atomic():
+        client.camera.up_direction = pose.up
+        client.camera.position = pose.position
+        client.camera.look_at = pose.look_at
+        client.camera.fov = pose.field_of_view

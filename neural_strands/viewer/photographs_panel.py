@@ -1,0 +1,31 @@
+"""The controls that put a browser where a photograph was taken, and compare the two."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from neural_strands.geometry.views import Views
+from neural_strands.viewer.notices import told
+from neural_strands.viewer.page import Page
+
+if TYPE_CHECKING:
+    import viser
+
+
+def add_photographs_panel(page: Page, views: Views) -> None:
+    """Add the choice of a photograph and the slider."""
+    from viser import Icon
+
+    gui = page.server.gui
+    names = tuple(f"{number}: {camera.name}" for number, camera in enumerate(views.cameras, start=1))
+    choice = gui.add_dropdown("Photograph", names)
+    go = gui.add_button("Look from there", icon=Icon.CAMERA, hint="Stand where the photograph was taken")
+    wipe = gui.add_slider("Photograph | rendering", min=0.0, max=1.0, step=0.01, initial_value=page.look.wipe)
+    wipe.on_update(lambda _: page.set_look(replace(page.look, wipe=wipe.value)))
+
+    def jump(event: "viser.GuiEvent") -> None:
+        if event.client is not None:
+            with told(event.client, "Reading the photograph"):
+                page.jump(event.client, names.index(choice.value))
+
+    go.on_click(jump)
+    choice.on_update(jump)

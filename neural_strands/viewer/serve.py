@@ -1,0 +1,85 @@
+"""From a path to a page, which follows a run while it is being fitted."""
+
+import logging
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.runs.newest_model import StateFile, newest_state
+from neural_strands.runs.run_folder import RunFolder
+from neural_strands.viewer.open_scene import kind_of, open_capture, open_groom, open_model, open_run
+from neural_strands.viewer.page import Page
+from neural_strands.viewer.panels import add_panels
+from neural_strands.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    import viser
+
+log = logging.getLogger(__name__)
+
+POLL_SECONDS = 2.0
+"""How often a run is asked for a newer state."""
+
+
+class ServedPage:
+    """A page and the path that it shows."""
+
+    def __init__(self, server: "viser.ViserServer", path: Path, device: torch.device) -> None:
+        """Open a path and show it.
+
+        Raises:
+            InputError: there is nothing at the path that can be shown, or it is damaged.
+        """
+        self._path, self._device = path, device
+        self._kind = kind_of(path)
+        self._state = newest_state(RunFolder(path)) if self._kind == "run" else None
+        self.page = Page(server, self._open(self._state))
+        self._redraw = add_panels(self.page)
+
+    def close(self) -> None:
+        """End the page's threads; the server goes on."""
+        self.page.close()
+
+    def follow(self) -> None:
+        """Show a run's newest states as the fit writes them; returns only when interrupted."""
+        while True:
+            time.sleep(POLL_SECONDS)
+            self.refresh()
+
+    def refresh(self) -> bool:
+        """Show the newest state of a run if there is a newer one; says whether there was.
+
+        A state that cannot be read is left out: the fit writes another.
+        """
+        state = newest_state(RunFolder(self._path)) if self._kind == "run" else None
+        if state is None or state == self._state:
+            return False
+        self._state = state
+        try:
+            scene = self._open(state)
+        except InputError as error:
+            log.warning("%s", error)
+            return False
+        before = self.page.scene
+        self.page.show(scene)
+        if _parts(scene) == _parts(before):
+            self._redraw()
+        else:
+            self._redraw = add_panels(self.page)
+        return True
+
+    def _open(self, state: StateFile | None) -> Scene:
+        if self._kind == "run":
+            return open_run(self._path, state, self._device)
+        if self._kind == "model":
+            return open_model(self._path, self._device)
+        return open_groom(self._path) if self._kind == "groom" else open_capture(self._path)
+
+
+def _parts(scene: Scene) -> list[bool]:
+    """Which parts a scene has: the panel has controls for them."""
+    parts = (scene.strands, scene.renderer, scene.head, scene.segments, scene.photographs)
+    return [part is not None for part in parts]

@@ -1,0 +1,63 @@
+"""The page in a real browser. Tests skip where the machine has no Chromium."""
+
+import numpy as np
+import pytest
+import torch
+from headless_browser import headless_browser
+
+from neural_strands.viewer.serve import ServedPage
+from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def port(tiny_run):
+    server = start_server(LOOPBACK, 0)
+    served = ServedPage(server, tiny_run, torch.device("cpu"))
+    yield server.get_port()
+    stop_server(server)
+    served.close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with headless_browser() as opened:
+        yield opened
+
+
+def difference(a, b):
+    return float(np.abs(a.astype(int) - b.astype(int)).mean())
+
+
+def shows_hair(canvas):
+    """The ball of the head lies in the middle, with dark hair on it."""
+    return canvas.std() > 10
+
+
+def test_a_page_shows_hair_and_turns(port, browser):
+    tab = browser.open(port)
+    front = tab.until(shows_hair)
+    tab.drag(120, 30)
+    turned = tab.settled()
+    assert difference(front, turned) > 2.0
+    assert shows_hair(turned)
+    tab.page.get_by_text("Face in front").click()
+    again = tab.settled()
+    assert difference(front, again) < difference(front, turned) / 2
+    assert tab.errors == []
+
+
+def test_two_browsers_have_a_camera_each_and_share_the_rest(port, browser):
+    one, other = browser.open(port), browser.open(port, 500, 800)
+    first, second = one.until(shows_hair), other.until(shows_hair)
+    one.drag(150, 0)
+    assert difference(first, one.settled()) > 2.0
+    assert difference(second, other.settled()) < 1.0
+    one.page.get_by_label("Rendered hair").click()
+    assert one.until(lambda canvas: not shows_hair(canvas)).min() > 200
+    assert difference(second, other.settled()) > 2.0
+    one.page.close()
+    other.page.get_by_label("Rendered hair").click()
+    assert difference(second, other.settled()) < 1.0
+    assert one.errors == other.errors == []
