@@ -25,6 +25,9 @@ FLAGS = [
     "--ignore-gpu-blocklist",
 ]
 
+PATIENCE = 240.0
+"""Seconds until something counts as never happening, on a machine that may be busy with other tests."""
+
 
 @dataclass
 class Tab:
@@ -51,11 +54,13 @@ class Tab:
         top, left = (height - side) // 2, (width - side) // 2
         return picture[top : top + side, left : left + side]
 
-    def settled(self, seconds: float = 60.0, stable: float = 1.5) -> np.ndarray:
+    def settled(self, seconds: float = PATIENCE, stable: float = 1.5) -> np.ndarray:
         """The canvas once it has not changed for a while."""
         return self.until(lambda _: True, seconds, stable)
 
-    def until(self, accepted: Callable[[np.ndarray], bool], seconds: float = 60.0, stable: float = 1.5) -> np.ndarray:
+    def until(
+        self, accepted: Callable[[np.ndarray], bool], seconds: float = PATIENCE, stable: float = 1.5
+    ) -> np.ndarray:
         """The canvas once it is accepted and has not changed for a while."""
         end, last, since = time.monotonic() + seconds, self.canvas(), time.monotonic()
         while time.monotonic() < end:
@@ -93,6 +98,7 @@ class Browser:
         tab = Tab(page)
         page.on("console", lambda said: tab.errors.append(said.text) if said.type == "error" else None)
         page.on("pageerror", lambda error: tab.errors.append(str(error)))
+        page.set_default_timeout(1000 * PATIENCE)
         page.goto(f"http://127.0.0.1:{port}/")
         page.wait_for_selector("canvas")
         return tab
