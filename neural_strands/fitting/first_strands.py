@@ -1,5 +1,6 @@
 """The first guess of the shape texture: strands traced through the flow, then encoded by the prior."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -9,7 +10,8 @@ from torch import Tensor
 from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
-from neural_strands.flow.tracing import TraceConfig, trace_strands
+from neural_strands.flow.tracing import TraceConfig, trace_hair
+from neural_strands.flow.unseen import UnseenConfig, guess_unseen, head_layer
 from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -32,6 +34,8 @@ class InitialConfig:
     """How the flow is made to fill the hair."""
     hull: HullConfig = field(default_factory=HullConfig)
     """Where hair can be."""
+    unseen: UnseenConfig = field(default_factory=UnseenConfig)
+    """How hair that no view sees is continued from what is seen."""
     trace: TraceConfig = field(default_factory=TraceConfig)
     """Streamlines from the scalp."""
 
@@ -40,21 +44,32 @@ def hair_flow(segments: LineSegments, views: Views, head: Mesh, roots: Roots, co
     """Directions and extent of the hair, from segments, masks (where there are any) and the scalp."""
     known = torch.cat([segments.points, roots.position])
     grid = grid_around(known, config.flow.spacing, config.flow.margin)
-    if any(views.has_hair_mask):
-        index = MeshIndex(head)
-        before = ((HeadView.of(camera, index), mask) for camera, mask in views.hair_masks())
-        domain = hair_hull(grid, before, head, config.hull)
+    index = MeshIndex(head)
+    before = [HeadView.of(camera, index) for camera in views.cameras]
+    masked = any(views.has_hair_mask)
+    if masked:
+        domain = hair_hull(grid, _hair_masks(views, before), head, config.hull)
     else:
         domain = covered_volume(grid, segments.points, head, config.hull)
-    smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow)
+    layer = head_layer(grid, before, head, config.unseen)
+    domain, guess = guess_unseen(layer, grid, domain, segments, head, masked, config.unseen)
+    smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow, guess)
     return conserve(smooth, roots.position, roots.normal, config.hull.head_depth, config.conservation)
+
+
+def _hair_masks(views: Views, before: Sequence[HeadView]) -> Iterator[tuple[HeadView, Float[Tensor, "height width"]]]:
+    """The views that have a hair mask, with the head before them."""
+    for index, view in enumerate(before):
+        mask = views.hair_mask(index) if views.has_hair_mask[index] else None
+        if mask is not None:
+            yield view, mask
 
 
 def flow_latents(
     field: FlowField, roots: Roots, prior: StrandPrior, config: TraceConfig
 ) -> Float[Tensor, "root latent"]:
     """Trace a strand from every root and encode it."""
-    strands = trace_strands(field, roots.position, roots.normal, config)
+    strands = trace_hair(field, roots.position, roots.normal, config).points
     return prior.encode(to_local(strands, roots.position, roots.frame))
 
 

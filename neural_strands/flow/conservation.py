@@ -6,7 +6,7 @@ flow without divergence: in through the scalp, out where it leaves the volume le
 Its speed, which is the density of the hair, is free; its directions stay as close as possible to the given ones.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import torch
@@ -93,7 +93,7 @@ def conserve(
         speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
     kept = torch.where(flow.norm(dim=1, keepdim=True) > 1e-6, functional.normalize(flow, dim=1), given)
     directions = field.directions.reshape(-1, 3).index_copy(0, number, kept).reshape_as(field.directions)
-    return FlowField(field.grid, directions, field.domain)
+    return replace(field, directions=directions)
 
 
 def under_scalp(

@@ -1,7 +1,7 @@
 """What lies behind each face of the voxels of a domain."""
 
 import torch
-from jaxtyping import Bool, Int64, Shaped
+from jaxtyping import Bool, Float, Int64, Shaped
 from torch import Tensor
 
 
@@ -21,3 +21,12 @@ def behind_faces(
     offsets = torch.cat([torch.eye(3), -torch.eye(3)]).long().to(domain.device)
     behind = torch.nonzero(domain)[:, None] + 1 + offsets
     return padded[behind[..., 0], behind[..., 1], behind[..., 2]]
+
+
+def neighbour_mean(
+    values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
+) -> Float[Tensor, "cell channel"]:
+    """Mean over the cells behind each cell's faces (see `face_neighbours`); a cell without any keeps its own value."""
+    count = (neighbours < len(values)).sum(dim=1, keepdim=True)
+    padded = torch.cat([values, values.new_zeros(1, values.shape[1])])
+    return torch.where(count > 0, padded[neighbours].sum(dim=1) / count.clamp(min=1), values)

@@ -11,6 +11,15 @@ from torch.nn import functional
 from neural_strands.flow.field import FlowField
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.resample import resample_polyline_lengths
+from neural_strands.geometry.strands import lengths
+
+MOSTLY = 0.5
+"""A strand with more than this share of its points unseen is as long as the seen ones about it; one with less, no
+longer than the longest of them."""
+MOST_KNOWN = 2000
+"""Strands that lengths are continued from, evenly chosen where there are more."""
+CLOSE = 0.002
+"""Metres added to distances: strands nearer than this tell alike."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +38,75 @@ class TraceConfig:
     """Points of each resulting strand."""
 
 
+@dataclass(frozen=True)
+class TracedStrands:
+    """Streamlines of a flow.
+
+    Attributes:
+        points: polylines, root first, evenly spaced.
+        unseen: share of each strand's points that lie where no view sees.
+    """
+
+    points: Float[Tensor, "root point 3"]
+    unseen: Float[Tensor, " root"]
+
+
+def trace_hair(
+    field: FlowField,
+    roots: Float[Tensor, "root 3"],
+    normals: Float[Tensor, "root 3"],
+    config: TraceConfig | None = None,
+) -> TracedStrands:
+    """Trace a strand from each root; those that no view sees are no longer than the ones seen beside them.
+
+    Args:
+        field: directions, the volume that holds hair, and which part of it no view sees.
+        roots: where strands start, metres.
+        normals: outward unit normals there, followed where the field vanishes.
+        config: step and limits.
+    """
+    config = config or TraceConfig()
+    points = trace_strands(field, roots, normals, config)
+    if field.unseen is None:
+        return TracedStrands(points, torch.zeros_like(points[:, 0, 0]))
+    unseen = _unseen_share(field, points)
+    found, guessed = unseen == 0, unseen > 0
+    if bool(guessed.any()) and bool(found.any()):
+        length = lengths(points)
+        most = torch.where(unseen > MOSTLY, continued(length[found], roots[found], roots), length[found].max())[guessed]
+        points[guessed] = trace_strands(field, roots[guessed], normals[guessed], config, most)
+        unseen = _unseen_share(field, points)
+    return TracedStrands(points, unseen)
+
+
+def continued(
+    values: Float[Tensor, " known"], known: Float[Tensor, "known 3"], places: Float[Tensor, "place 3"]
+) -> Float[Tensor, " place"]:
+    """Values continued to other places: means weighted by the inverse fourth power of the distance (Shepard 1968)."""
+    every = max(1, len(known) // MOST_KNOWN)
+    values, known = values[::every], known[::every]
+    parts = []
+    for part in places.split(MOST_KNOWN):
+        weight = (torch.cdist(part, known) + CLOSE).pow(-4)
+        parts.append((weight @ values) / weight.sum(dim=1))
+    return torch.cat(parts)
+
+
+def _unseen_share(field: FlowField, points: Float[Tensor, "root point 3"]) -> Float[Tensor, " root"]:
+    """Share of each strand's points whose voxel no view sees."""
+    if field.unseen is None:
+        return torch.zeros_like(points[:, 0, 0])
+    index, inside = field.grid.index(points.reshape(-1, 3))
+    unseen = field.unseen.reshape(-1)[index] & inside
+    return unseen.reshape(points.shape[:2]).float().mean(dim=1)
+
+
 def trace_strands(
     field: FlowField,
     roots: Float[Tensor, "root 3"],
     normals: Float[Tensor, "root 3"],
     config: TraceConfig | None = None,
+    most: Float[Tensor, " root"] | None = None,
 ) -> Float[Tensor, "root point 3"]:
     """Follow the growth directions from each root until the hair volume ends; resampled by arc length.
 
@@ -42,6 +115,7 @@ def trace_strands(
         roots: where strands start, metres.
         normals: outward unit normals there, followed where the field vanishes.
         config: step and limits.
+        most: length at which each strand ends at the latest, metres.
     """
     config = config or TraceConfig()
     steps = max(int(config.longest / config.step), 2)
@@ -56,7 +130,11 @@ def trace_strands(
         ahead = position + config.step * second
         travelled = (step + 1) * config.step
         if travelled > config.grace:
-            alive = alive & (field.grid.sample(inside, ahead, outside="border")[:, 0] >= 0.5)
+            # There is no hair beyond the grid, whatever its border holds.
+            _, within = field.grid.index(ahead)
+            alive = alive & within & (field.grid.sample(inside, ahead, outside="border")[:, 0] >= 0.5)
+        if most is not None:
+            alive = alive & (travelled <= most)
         if travelled > config.shortest and not bool(alive.any()):
             break
         moving = alive | (travelled <= config.shortest)

@@ -1,5 +1,6 @@
 """Results of a fit: the model, the groom for other programs, a preview."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,14 @@ from torch import Tensor
 
 from neural_strands.fitting.first_colours import strand_colours
 from neural_strands.fitting.fit_data import FitData
+from neural_strands.flow.unseen import unseen_share
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.point_queries import nearest
+from neural_strands.geometry.signed_distance import SignedDistanceIndex
 from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom
 from neural_strands.model.files import save_hair_model
@@ -30,11 +37,19 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
     """
     strands = model.decode()
     width, color = strand_widths(model, strands), groom_colours(model, strands, data)
-    coloured = replace(strands, width=width, color=color).to("cpu")
+    unseen = strands_unseen(strands, data.views.cameras, data.head.mesh)
+    coloured = replace(strands, width=width, color=color, unseen=unseen).to("cpu")
     save_hair_model(model, folder.model, notes)
     for path in (folder.groom, folder.groom_arrays):
         write_groom(path, Groom.from_strands(coloured))
     return coloured
+
+
+def strands_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> Float[Tensor, " strand"]:
+    """Share of each strand that no photograph could see: the cameras that a fit used look from elsewhere."""
+    index = MeshIndex(head)
+    before = [HeadView.of(camera, index) for camera in cameras]
+    return unseen_share(strands.points, before, SignedDistanceIndex(head))
 
 
 @torch.no_grad()

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from neural_strands.flow.field import FlowConfig, diffuse_directions, grid_around, pull_push
+from neural_strands.flow.field import FlowConfig, diffuse_directions, grid_around
+from neural_strands.flow.filling import pull_push
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.voxel_grid import VoxelGrid

@@ -5,7 +5,7 @@ import math
 import torch
 
 from neural_strands.flow.field import FlowField
-from neural_strands.flow.tracing import TraceConfig, trace_strands
+from neural_strands.flow.tracing import TraceConfig, continued, trace_hair, trace_strands
 from neural_strands.geometry.strands import lengths
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
@@ -46,3 +46,39 @@ def test_outside_the_hair_a_strand_still_has_its_shortest_length():
     config = TraceConfig(grace=0.0, shortest=0.012)
     strand = trace_strands(FlowField(grid, up, domain), torch.full((1, 3), 0.04), torch.eye(3)[:1], config)
     assert abs(float(lengths(strand)[0]) - 0.012) < 1.6e-3
+
+
+def test_a_strand_that_leaves_the_grid_ends():
+    # Hair up to the border on every side: the grid's end is the hair's.
+    grid = VoxelGrid((0.005, 0.005, 0.005), 0.01, (10, 10, 10))
+    behind = torch.tensor([0.0, 0.0, -1.0]).expand(*grid.shape, 3)
+    field = FlowField(grid, behind, torch.ones(grid.shape, dtype=torch.bool))
+    root = torch.tensor([[0.05, 0.05, 0.04]])
+    strand = trace_strands(field, root, torch.tensor([[0.0, 0.0, 1.0]]), TraceConfig(step=0.001))
+    assert abs(float(lengths(strand)[0]) - 0.04) < 2e-3
+
+
+def test_unseen_strands_are_as_long_as_their_neighbours():
+    # Seen hair, in the left half, is 10 cm long; in the right half the volume goes on for 30 cm.
+    grid = VoxelGrid((0.005, 0.005, 0.005), 0.01, (10, 32, 4))
+    down = torch.tensor([0.0, -1.0, 0.0]).expand(*grid.shape, 3)
+    domain = torch.ones(grid.shape, dtype=torch.bool)
+    domain[:5, :20] = False
+    unseen = torch.zeros_like(domain)
+    unseen[5:] = True
+    x = torch.tensor([0.012, 0.031, 0.052, 0.071, 0.093])
+    roots = torch.stack([x, torch.full_like(x, 0.30), torch.full_like(x, 0.02)], dim=-1)
+    normals = torch.tensor([[0.0, 1.0, 0.0]]).expand(5, 3)
+    found = trace_hair(FlowField(grid, down, domain, unseen), roots, normals, TraceConfig(step=0.001))
+    assert found.unseen.tolist() == [0, 0, 1, 1, 1]
+    torch.testing.assert_close(lengths(found.points), torch.full((5,), 0.1), atol=3e-3, rtol=0)
+    whole = trace_hair(FlowField(grid, down, domain), roots, normals, TraceConfig(step=0.001))
+    assert not whole.unseen.any()
+    assert (lengths(whole.points)[2:] > 0.28).all()
+
+
+def test_values_continued_are_those_nearby_and_between_their_extremes(generator):
+    known, values = torch.rand(50, 3, generator=generator), torch.rand(50, generator=generator)
+    torch.testing.assert_close(continued(values, known, known + 1e-5), values, atol=0.05, rtol=0)
+    far = continued(values, known, 10 + torch.rand(4, 3, generator=generator))
+    torch.testing.assert_close(far, values.mean().expand(4), atol=0.05, rtol=0)

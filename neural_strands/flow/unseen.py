@@ -1,0 +1,333 @@
+"""Hair that no view sees: how far it reaches, how it lies, and how long it is.
+
+The visual hull has no back wall: what the head hides from every view is never carved, and no segment tells the flow
+which way to run there. So what is seen is continued over the head: the thickness of the hair (none over bare skin) and
+its directions are extended harmonically, by Laplace's equation on a coarse grid in the layer about the head. Directions
+there keep to the head's surface and yield to gravity with the distance from seen hair.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+from torch.nn import functional
+
+from neural_strands.flow.faces import face_neighbours, neighbour_mean
+from neural_strands.flow.filling import average, pull_push
+from neural_strands.foundation.configs import Between
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh, face_normals
+from neural_strands.geometry.signed_distance import SignedDistanceIndex
+from neural_strands.geometry.visual_hull import HeadView, views_that_see
+from neural_strands.geometry.voxel_grid import VoxelGrid
+
+DOWN = (0.0, -1.0, 0.0)
+"""Where gravity pulls."""
+HELD = 0.025
+"""Metres from the head within which hair follows its surface."""
+SHARE_EVERY = 5
+"""Of a strand's points, one in so many is looked for in the views."""
+
+
+@dataclass(frozen=True)
+class UnseenConfig:
+    """What counts as unseen, and how what is seen is continued."""
+
+    least_views: Annotated[int, Between(1, 1000)] = 2
+    """Views that must see a place: what one view alone sees has no depth."""
+    facing: Annotated[float, Between(-1, 1)] = 0.2
+    """Least cosine between the way out of the head and the way to a camera that sees hair."""
+    lift: Annotated[float, Between(0, 1)] = 0.004
+    """Metres above the head at which what lies on it is looked for: on the skin itself the skin hides it."""
+    spacing: Annotated[float, Between(1e-4, 1)] = 0.008
+    """Of the coarse grid, metres."""
+    sweeps: Annotated[int, Between(0, 100_000)] = 300
+    """Jacobi sweeps over the coarse grid after its multigrid start."""
+    gravity_reach: Annotated[float, Between(1e-3, 1e3)] = 0.04
+    """Metres from seen hair at which gravity says as much as the hair beside."""
+    climb: Annotated[float, Between(1e-3, 1e3)] = 0.04
+    """Metres of a strand in which it covers two thirds of the way from the skin to the surface of the hair."""
+
+
+@dataclass(frozen=True)
+class HeadLayer:
+    """A coarse grid about the head, and what views see of it.
+
+    Attributes:
+        grid: the coarse grid.
+        distance: to the head's surface, metres, negative inside.
+        outward: unit direction in which the distance grows.
+        unseen: 1 where too few views see, else 0.
+    """
+
+    grid: VoxelGrid
+    distance: Float[Tensor, "x y z"]
+    outward: Float[Tensor, "x y z 3"]
+    unseen: Float[Tensor, "x y z"]
+
+    def at(
+        self, points: Float[Tensor, "point 3"]
+    ) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"], Bool[Tensor, " point"]]:
+        """Distance, unit outward direction and whether unseen, at points in the grid."""
+        volume = torch.cat([self.distance[..., None], self.outward, self.unseen[..., None]], dim=-1)
+        read = self.grid.sample(volume, points, outside="border")
+        return read[:, 0], functional.normalize(read[:, 1:4], dim=-1), read[:, 4] > 0.5
+
+
+@dataclass(frozen=True)
+class OverHead:
+    """Places over the head, and how hair lies there.
+
+    Attributes:
+        outward: unit directions away from the head.
+        distance: to the head's surface, metres.
+        rise: slope at which hair climbs away from the head.
+    """
+
+    outward: Float[Tensor, "place 3"]
+    distance: Float[Tensor, " place"]
+    rise: Float[Tensor, " place"]
+
+    def select(self, index: Tensor) -> "OverHead":
+        """Some of the places."""
+        return OverHead(self.outward[index], self.distance[index], self.rise[index])
+
+
+@dataclass(frozen=True)
+class UnseenHair:
+    """What is guessed of the hair that no view sees, voxel by voxel of a fine grid.
+
+    Attributes:
+        voxels: flat indices of voxels that no view sees and that hair may fill, in rising order.
+        place: where they lie over the head.
+        directions: growth directions, not unit.
+    """
+
+    voxels: Int64[Tensor, " voxel"]
+    place: OverHead
+    directions: Float[Tensor, "voxel 3"]
+
+
+def unseen_points(
+    points: Float[Tensor, "point 3"],
+    distance: Float[Tensor, " point"],
+    outward: Float[Tensor, "point 3"],
+    views: Iterable[HeadView],
+    config: UnseenConfig | None = None,
+) -> Bool[Tensor, " point"]:
+    """Which points too few views see.
+
+    Args:
+        points: world metres.
+        distance: of each to the head's surface, metres.
+        outward: unit directions away from the head.
+        views: cameras with the head before them, used one at a time.
+        config: what counts as seen.
+    """
+    config = config or UnseenConfig()
+    lifted = points + (config.lift - distance).clamp(min=0)[:, None] * outward
+    return views_that_see(lifted, outward, views, config.facing) < config.least_views
+
+
+def unseen_share(
+    points: Float[Tensor, "strand point 3"],
+    views: Iterable[HeadView],
+    head: SignedDistanceIndex,
+    config: UnseenConfig | None = None,
+) -> Float[Tensor, " strand"]:
+    """Share of each strand that too few views see: of every `SHARE_EVERY`-th of its points, from its root.
+
+    Args:
+        points: strands, world metres.
+        views: cameras with the head before them, used one at a time.
+        head: distances to it.
+        config: what counts as seen.
+    """
+    some = points[:, ::SHARE_EVERY]
+    flat = some.reshape(-1, 3)
+    skin = head(flat)
+    unseen = unseen_points(flat, skin.distance, skin.normal, views, config)
+    return unseen.reshape(some.shape[:2]).to(points).mean(dim=1)
+
+
+def guess_unseen(
+    layer: HeadLayer,
+    grid: VoxelGrid,
+    domain: Bool[Tensor, "x y z"],
+    segments: LineSegments,
+    head: Mesh,
+    masked: bool,
+    config: UnseenConfig | None = None,
+) -> tuple[Bool[Tensor, "x y z"], UnseenHair]:
+    """Continue the hair that is seen over the part of the head that no view sees.
+
+    Args:
+        layer: a coarse grid about the head, and what views see of it.
+        grid: the fine grid.
+        domain: voxels that may be hair, as far as views tell.
+        segments: oriented points of hair.
+        head: its mesh.
+        masked: whether `domain` is what masks leave. If so, skin outside is bare and unseen hair lies within; if not,
+            what is outside is not known.
+        config: how what is seen is continued.
+
+    Returns:
+        The domain with the unseen part bounded, and what is guessed of that part.
+    """
+    config = config or UnseenConfig()
+    bare = bare_skin(layer, grid, domain, head) if masked else segments.points[:0]
+    extent = hair_extent(layer, grid, domain, bare, config.sweeps)
+    directions = lying_directions(layer, segments.points, segments.directions, extent[..., 0], config)
+    flat = domain.reshape(-1)
+    voxels = torch.nonzero(flat if masked else torch.ones_like(flat)).squeeze(1)
+    places = grid.nodes(domain.device).reshape(-1, 3)[voxels]
+    distance, outward, unseen = layer.at(places)
+    thickness, haired = layer.grid.sample(extent, places, outside="border").unbind(dim=1)
+    outside = unseen & (distance > -grid.spacing)
+    shell = outside & (haired > 0.5) & (distance <= thickness)
+    if masked:
+        shell = outside & hanging(marked(domain, voxels[shell])).reshape(-1)[voxels]
+    # Masks leave everything that the head hides; segments are hair wherever they are.
+    kept = flat.index_fill(0, voxels[unseen], False) if masked else flat
+    bounded = kept.index_fill(0, voxels[shell], True).reshape(domain.shape)
+    lying = layer.grid.sample(directions, places[shell], outside="border")
+    place = OverHead(outward, distance, (thickness - distance).clamp(min=0) / config.climb)
+    guess = UnseenHair(voxels[shell], place.select(shell), lying)
+    return bounded, guess
+
+
+def hanging(hair: Bool[Tensor, "x y z"]) -> Bool[Tensor, "x y z"]:
+    """The voxels of hair and all below them: hair that no head holds up falls straight down."""
+    return hair.flip(1).int().cummax(dim=1).values.flip(1) > 0
+
+
+def marked(domain: Bool[Tensor, "x y z"], voxels: Int64[Tensor, " voxel"]) -> Bool[Tensor, "x y z"]:
+    """A volume like the domain that is true in the voxels of these flat indices."""
+    return torch.zeros_like(domain).reshape(-1).index_fill(0, voxels, True).reshape(domain.shape)
+
+
+def head_layer(grid: VoxelGrid, views: Iterable[HeadView], head: Mesh, config: UnseenConfig) -> HeadLayer:
+    """Distances to the head and what views see, on a coarse grid over the box of a fine one."""
+    low = [first - 0.5 * grid.spacing for first in grid.origin]
+    high = [start + size * grid.spacing for start, size in zip(low, grid.shape, strict=True)]
+    coarse = VoxelGrid.filling(low, high, max(config.spacing, grid.spacing))
+    nodes = coarse.nodes(head.vertices.device).reshape(-1, 3)
+    skin = SignedDistanceIndex(head)(nodes)
+    unseen = unseen_points(nodes, skin.distance, skin.normal, views, config)
+    return HeadLayer(
+        coarse,
+        skin.distance.reshape(coarse.shape),
+        skin.normal.reshape(*coarse.shape, 3),
+        unseen.to(nodes).reshape(coarse.shape),
+    )
+
+
+def hair_extent(
+    layer: HeadLayer, grid: VoxelGrid, domain: Bool[Tensor, "x y z"], bare: Float[Tensor, "point 3"], sweeps: int
+) -> Float[Tensor, "i j k 2"]:
+    """How thick hair lies over the head, metres, and whether it does (from 0 to 1), at the nodes of the layer.
+
+    Both are those seen, continued harmonically, but apart: hair is as thick at its edge as elsewhere.
+
+    Args:
+        layer: the coarse grid about the head.
+        grid: the fine grid.
+        domain: where there can be hair; its surface counts where views see it.
+        bare: points over skin that views see bare.
+        sweeps: of Jacobi's method.
+    """
+    voxels = grid.nodes(domain.device)[domain]
+    distance, outward, unseen = layer.at(voxels)
+    beyond, inside = grid.index(voxels + 1.5 * grid.spacing * outward)
+    surface = ~unseen & ~(inside & domain.reshape(-1)[beyond])
+    hair, thickness = voxels[surface], (distance[surface] + 0.5 * grid.spacing).clamp(min=0)
+    if len(hair) == 0:
+        return torch.zeros(*layer.grid.shape, 2, device=domain.device)
+    reach = layer.grid.spacing
+    about = (layer.distance > -reach) & (layer.distance < float(thickness.max()) + reach)
+    haired = torch.cat([torch.ones_like(thickness), bare.new_zeros(len(bare))])
+    parts = []
+    for places, values in ((hair, thickness), (torch.cat([hair, bare]), haired)):
+        known, weight = average(layer.grid, places, values[:, None], torch.ones_like(values))
+        parts.append(harmonic(known, weight > 0, about, sweeps))
+    return torch.cat(parts, dim=-1)
+
+
+def bare_skin(layer: HeadLayer, grid: VoxelGrid, domain: Bool[Tensor, "x y z"], head: Mesh) -> Float[Tensor, "point 3"]:
+    """Points just over the faces of the head that views see, and where there can be no hair."""
+    over = head.corners().mean(dim=1) + 1.5 * grid.spacing * face_normals(head)
+    index, inside = grid.index(over)
+    _, _, unseen = layer.at(over)
+    return over[inside & ~unseen & ~domain.reshape(-1)[index]]
+
+
+def lying_directions(
+    layer: HeadLayer,
+    points: Float[Tensor, "point 3"],
+    directions: Float[Tensor, "point 3"],
+    thickness: Float[Tensor, "i j k"],
+    config: UnseenConfig,
+) -> Float[Tensor, "i j k 3"]:
+    """Directions at the nodes of the layer: those of oriented points, continued so that hair lies on the head.
+
+    Args:
+        layer: the coarse grid about the head.
+        points: where directions are known, metres.
+        directions: unit growth directions there.
+        thickness: of the hair over the head, metres.
+        config: how soon gravity takes over.
+    """
+    about = (layer.distance > -layer.grid.spacing) & (layer.distance < thickness + 2 * layer.grid.spacing)
+    known, weight = average(layer.grid, points, directions, torch.ones_like(points[:, 0]))
+    known = functional.normalize(known, dim=-1)
+    fixed = weight > 0
+    cells = torch.nonzero((about | fixed).reshape(-1)).squeeze(1)
+    neighbours = face_neighbours(about | fixed)
+    start = pull_push(known, fixed.to(known)).reshape(-1, 3)
+    value, rise = start[cells], (thickness - layer.distance).clamp(min=0) / config.climb
+    place = OverHead(layer.outward.reshape(-1, 3), layer.distance.reshape(-1), rise.reshape(-1)).select(cells)
+    given, is_fixed = known.reshape(-1, 3)[cells], fixed.reshape(-1)[cells, None]
+    is_unseen = layer.unseen.reshape(-1)[cells, None] > 0.5
+    down = value.new_tensor(DOWN)
+    # Mean of neighbours and a pull: a screened Poisson equation, whose solutions fall off over this distance.
+    pull = (layer.grid.spacing / config.gravity_reach) ** 2 / 6
+    for _ in range(config.sweeps):
+        mean = neighbour_mean(value, neighbours)
+        lying = along_head(mean + pull * down, place)
+        value = torch.where(is_fixed, given, torch.where(is_unseen, lying, mean))
+    return start.index_copy(0, cells, value).reshape(*layer.grid.shape, 3)
+
+
+def along_head(directions: Float[Tensor, "cell 3"], place: OverHead) -> Float[Tensor, "cell 3"]:
+    """Directions that lead neither into the head nor away from it more steeply than hair that falls freely.
+
+    Hair rises gently from the skin to the surface of the hair, so that what grows above lies over what grows below.
+    Further from the head than `HELD` all this fades: hair that hangs clear of neck and shoulders falls.
+    """
+    length = directions.norm(dim=-1, keepdim=True)
+    given = (directions * place.outward).sum(dim=-1, keepdim=True)
+    falling = (place.outward @ place.outward.new_tensor(DOWN))[:, None].clamp(min=0) * length
+    rise = torch.maximum(torch.minimum(given, falling), place.rise[:, None] * length)
+    held = (2 - place.distance / HELD).clamp(0, 1)[:, None]
+    return directions + held * (rise - given) * place.outward
+
+
+def harmonic(
+    known: Float[Tensor, "x y z channel"],
+    fixed: Bool[Tensor, "x y z"],
+    domain: Bool[Tensor, "x y z"],
+    sweeps: int,
+) -> Float[Tensor, "x y z channel"]:
+    """Values that agree with the known ones and are the mean of their neighbours elsewhere in the domain."""
+    domain = domain | fixed
+    cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
+    neighbours = face_neighbours(domain)
+    start = pull_push(known, fixed.to(known)).reshape(-1, known.shape[-1])
+    value, is_fixed = start[cells], fixed.reshape(-1)[cells, None]
+    given = value
+    for _ in range(sweeps):
+        value = torch.where(is_fixed, given, neighbour_mean(value, neighbours))
+    return start.index_copy(0, cells, value).reshape(known.shape)

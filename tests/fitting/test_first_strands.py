@@ -1,0 +1,97 @@
+"""First strands of a ball that is seen from the front alone, against the true hair behind it."""
+
+import math
+
+import pytest
+import torch
+from tiny_capture import RADIUS, cameras, combed_strands, true_segments, write_capture
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
+from neural_strands.evaluation.geometry_metrics import Threshold, matched_shares
+from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
+from neural_strands.fitting.first_strands import InitialConfig, hair_flow
+from neural_strands.flow.field import FlowConfig
+from neural_strands.flow.tracing import TracedStrands, trace_hair
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.strands import lengths
+from neural_strands.geometry.views import Views
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.triangles import rasterise_triangles
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.roots import sample_roots
+
+FRONT, BEHIND = math.radians(61), math.radians(115)
+"""Largest azimuth of the views kept, and the azimuth beyond which at most one of them sees the hair."""
+MATCH = [Threshold(0.005, math.radians(40))]
+
+LOWEST_ROOT = 1.0
+"""Polar angle of the lowest true root."""
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory) -> Head:
+    folder = tmp_path_factory.mktemp("capture") / "ball"
+    write_capture(folder)
+    return find_head(Capture.load(folder), None)
+
+
+def hair_views(strands: torch.Tensor, head: Head) -> Views:
+    """Views from all around, with masks of dense hair."""
+    seen = [camera.resized(256, 256) for camera in cameras(16)]
+    masks = []
+    for camera in seen:
+        body = rasterise_triangles(head.mesh.vertices, head.mesh.faces, camera)
+        masks.append((rasterise_lines(strands, camera, body.depth).segment >= 0).float())
+    return Views(tuple(seen), (True,) * len(seen), lambda index, part: masks[index] if part == "hair_mask" else None)
+
+
+def some(views: Views, keep: list[int]) -> Views:
+    kept = tuple(views.cameras[index] for index in keep)
+    return Views(kept, (True,) * len(kept), lambda index, part: views.read(keep[index], part))
+
+
+def first_strands(views: Views, segments: LineSegments, head: Head) -> TracedStrands:
+    config = InitialConfig(flow=FlowConfig(spacing=0.003))
+    roots = sample_roots(head, 1500, torch.Generator().manual_seed(0))
+    roots = roots.select(roots.position[:, 1] > math.cos(LOWEST_ROOT) * RADIUS)
+    flow = hair_flow(segments, views, head.mesh, roots, config)
+    return trace_hair(flow, roots.position, roots.normal, config.trace)
+
+
+def azimuth(points: torch.Tensor) -> torch.Tensor:
+    """Angle about the vertical from the front, without a sign."""
+    return torch.atan2(points[..., 0], points[..., 2]).abs()
+
+
+def behind(points: OrientedPoints) -> OrientedPoints:
+    keep = azimuth(points.points) > BEHIND
+    return OrientedPoints(points.points[keep], points.directions[keep], points.curve[keep], points.step_index[keep])
+
+
+def test_hair_that_no_view_sees_continues_what_is_seen(head):
+    strands = combed_strands(6000)
+    views = hair_views(strands, head)
+    front = some(views, [index for index, camera in enumerate(views.cameras) if azimuth(camera.position) < FRONT])
+    assert len(front) == 5
+    segments = true_segments(strands)
+    seen = azimuth(segments.points) < BEHIND
+    found = first_strands(front, LineSegments(*(values[seen] for values in vars(segments).values())), head)
+    ours, truth = sample_strands(found.points), sample_strands(strands)
+    (precision,), _ = matched_shares(behind(ours), truth, MATCH)
+    (recall,), _ = matched_shares(behind(truth), ours, MATCH)
+    assert 2 * precision * recall / (precision + recall) > 80
+    guessed = found.unseen > 0.5
+    assert 0.1 < guessed.float().mean() < 0.6
+    assert (found.points[guessed].mean(dim=1)[:, 2] < 0.01).all()
+    assert guessed[azimuth(found.points.mean(dim=1)) > BEHIND + 0.3].float().mean() > 0.95
+    longest, thickest = lengths(found.points[~guessed]).max(), found.points[~guessed].norm(dim=-1).max()
+    assert (lengths(found.points) < 1.3 * longest).all()
+    assert (found.points.norm(dim=-1) < thickest + 0.005).all()
+    assert thickest < RADIUS + 0.03
+
+
+def test_where_views_see_everything_nothing_is_guessed(head):
+    strands = combed_strands(6000)
+    found = first_strands(hair_views(strands, head), true_segments(strands), head)
+    assert (found.unseen == 0).all()
