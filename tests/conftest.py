@@ -1,6 +1,7 @@
 """Fixtures that every test may use."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,6 +47,28 @@ def cuda() -> torch.device:
 def generator() -> torch.Generator:
     """A fresh generator, the same in every run."""
     return torch.Generator().manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def made_workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small capture, its line segments and a short run, for tests that only read it."""
+    from workspace import write_workspace
+
+    folder = tmp_path_factory.mktemp("workspace")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
+        write_workspace(folder)
+    return folder
+
+
+@pytest.fixture
+def workspace(made_workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of that folder, as the working folder."""
+    folder = tmp_path / "workspace"
+    shutil.copytree(made_workspace, folder)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
+    return folder
 
 
 @pytest.fixture(scope="session")

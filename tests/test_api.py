@@ -4,13 +4,11 @@ import ast
 import doctest
 import importlib
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from workspace import write_workspace
 
 import neural_strands as ns
 from neural_strands.cli.main import main
@@ -18,23 +16,6 @@ from neural_strands.cli.main import main
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "api.md"
 NAMES = [name for name in ns.__all__ if name != "__version__"]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("workspace")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
-        write_workspace(folder)
-    return folder
-
-
-@pytest.fixture
-def workspace(made, tmp_path, monkeypatch):
-    """A copy of the folder that examples run in, as the working folder."""
-    shutil.copytree(made, tmp_path / "workspace")
-    monkeypatch.chdir(tmp_path / "workspace")
-    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
 
 
 def run_examples(test, capsys):

@@ -7,8 +7,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FILES = sorted(path for folder in ("neural_strands", "tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
-TEXTS = sorted({*FILES, *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "Makefile", ROOT / "pyproject.toml"})
+FILES = sorted(
+    path for folder in ("neural_strands", "tests", "benchmarks", "examples") for path in (ROOT / folder).rglob("*.py")
+)
+TEXTS = sorted(
+    {
+        *FILES,
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "examples").glob("*.md"),
+        ROOT / "Makefile",
+        ROOT / "pyproject.toml",
+    }
+)
 FILE_LINES, FUNCTION_LINES, PARAMETERS = 400, 100, 10
 """Everything stays under these."""
 MACHINE_PATHS = re.compile(r"(?<![\w.])/(?:work|tmp|home|root|Users)/\w|[A-Z]:\\\\Users", re.IGNORECASE)

@@ -11,10 +11,10 @@ import pytest
 from neural_strands.cli.main import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").glob("*.md")]
 PACKAGES = "|".join(sorted(path.parent.name for path in (ROOT / "neural_strands").glob("*/__init__.py")))
 NAME = re.compile(rf"`((?:{PACKAGES})(?:\.\w+)+)`")
-FILE = re.compile(r"((?:neural_strands|benchmarks|tests|docs)/[\w/]+\.(?:py|md|png|svg))")
+FILE = re.compile(r"((?:neural_strands|benchmarks|tests|docs|examples)/[\w/]+\.(?:py|md|png|svg))")
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 COMMAND = re.compile(r"neural-strands ([a-z][a-z-]+)")
 
