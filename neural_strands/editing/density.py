@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 from jaxtyping import Float
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, KDTree
 from torch import Tensor
 
 from neural_strands.editing.hair import ScalpShape
@@ -13,12 +13,18 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh, face_areas, interpolate
 from neural_strands.geometry.mesh_queries import closest_points
+from neural_strands.geometry.strands import lengths
 from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.blue_noise import eliminate
 from neural_strands.scalp.roots import CANDIDATES
 
 LONGEST_EDGE = 4.0
 """Longest edge between neighbouring roots, in median edges: longer ones span gaps of the chart."""
+STRAY = 0.12
+"""Mean distance of a new strand from all of its neighbours above which it is a stray, in their lengths."""
+NEIGHBOURS, COMPARED = 4, 12
+"""Neighbours that a new strand is compared with, and points on each."""
 FEWEST = 3
 """Roots below which no surface lies between them."""
 
@@ -39,7 +45,26 @@ def change_density(density: Density, shape: ScalpShape, model: HairModel) -> Sca
     parts = [torch.cat([getattr(shape, name)[order], getattr(new, name)]) for name in ("position", "uv", "frame")]
     kept = eliminate(parts[0].cpu(), density.strands, float(face_areas(surface).sum())).to(order.device)
     position, uv, frame = (part[kept] for part in parts)
+    fresh = kept >= len(order)
+    uv[fresh] = _without_strays(uv[fresh], position[fresh], shape, model)
     return replace(shape, position=position, uv=uv, frame=frame)
+
+
+def _without_strays(
+    uv: Float[Tensor, "new 2"], position: Float[Tensor, "new 3"], shape: ScalpShape, model: HairModel
+) -> Float[Tensor, "new 2"]:
+    """Chart places of new roots; one whose strand resembles none of its neighbours' takes the nearest one's place.
+
+    Between texels whose strands differ much, as along a parting, the texture holds strands that no photograph shaped.
+    """
+    known = model.generator(sample_texture(shape.texture, shape.uv), COMPARED)
+    grown = model.generator(sample_texture(shape.texture, uv), COMPARED)
+    count = min(NEIGHBOURS, len(shape.uv))
+    near = torch.from_numpy(KDTree(shape.position.cpu().numpy()).query(position.cpu().numpy(), k=count)[1])
+    near = near.reshape(len(uv), count).to(uv.device)
+    gap = (known[near] - grown[:, None]).norm(dim=-1).mean(dim=-1)
+    stray = gap.amin(dim=1) > STRAY * lengths(known)[near].mean(dim=1)
+    return torch.where(stray[:, None], shape.uv[near[:, 0]], uv)
 
 
 def root_surface(shape: ScalpShape) -> Mesh:

@@ -2,7 +2,7 @@
 
 Edits of the scalp textures come first, whatever their place in the list, because strands are decoded from them; then
 come edits of the strands. Within each group the order of the list holds. So hair that is cut and then made denser is
-denser hair, cut.
+denser hair, cut. Wind moves what comes out of all this; of several winds the last one blows.
 """
 
 import dataclasses
@@ -13,21 +13,25 @@ from typing import Any
 from neural_strands.editing.density import change_density
 from neural_strands.editing.hair import Hair, ScalpShape
 from neural_strands.editing.haircut import cut_hair
-from neural_strands.editing.settings import Density, Edit, Haircut
+from neural_strands.editing.settings import Density, Edit, Haircut, Wind
+from neural_strands.editing.wind import BlownHair
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.json_files import JsonValue, check_format, read_json
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
 
 FORMAT = 1
 """Version of the list's layout."""
-KINDS: dict[str, type[Edit]] = {"haircut": Haircut, "density": Density}
+KINDS: dict[str, type[Edit]] = {"haircut": Haircut, "density": Density, "wind": Wind}
 """The edits, by the name under which JSON and the command line know them."""
 OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {Density: change_density}
 """What carries out the edits of the scalp textures and of their roots."""
 OF_STRANDS: dict[type, Callable[[Any, Strands], Strands]] = {Haircut: cut_hair}
 """What carries out the edits of strands."""
+BODY_SPACING = 0.005
+"""Metres between the nodes of the grid of distances to head and body."""
 NAME = "edit"
 """The member of each edit in JSON that says which it is."""
 
@@ -50,6 +54,20 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
         if type(edit) in OF_STRANDS:
             strands = OF_STRANDS[type(edit)](edit, strands)
     return dataclasses.replace(hair, strands=strands)
+
+
+def hair_motion(hair: Hair, edits: Sequence[Edit]) -> BlownHair | None:
+    """How hair moves that these edits led to; None where no wind blows."""
+    wind = next((edit for edit in reversed(edits) if isinstance(edit, Wind)), None)
+    return (
+        None if wind is None else BlownHair(wind, hair.strands, None if hair.model is None else body_grid(hair.model))
+    )
+
+
+def body_grid(model: HairModel) -> SignedDistanceGrid | None:
+    """Distance to a model's head and body; None where it has none."""
+    mesh = model.body.mesh
+    return SignedDistanceGrid.build(mesh, BODY_SPACING) if len(mesh.faces) else None
 
 
 def edit_name(edit: Edit) -> str:

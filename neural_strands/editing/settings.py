@@ -9,6 +9,8 @@ from neural_strands.foundation.errors import InputError
 
 Place = Annotated[float, Between(-1000.0, 1000.0)]
 """A coordinate in world metres."""
+Unit = Annotated[float, Between(-1000.0, 1000.0)]
+"""A component of a direction, whose length does not matter."""
 Dabs = Annotated[tuple[tuple[float, float, float], ...], Between(0, 10_000)]
 """Dabs of a round brush on the scalp chart: u, v and radius, all in the chart's unit."""
 SHORTEST = 0.001
@@ -63,5 +65,32 @@ class Density:
     """Seed of the new roots."""
 
 
-Edit = Haircut | Density
+@dataclass(frozen=True)
+class Wind:
+    """Let wind move the hair: gusts that travel through it bend strands, the more the farther from the root."""
+
+    direction: tuple[Unit, Unit, Unit] = (1.0, 0.0, 0.0)
+    """Where the wind blows to (x y z; y is up, z out of the face)."""
+    strength: Annotated[float, Between(0.0, 20.0)] = 1.0
+    """Force of the wind over the weight of the hair: 1 lifts the tips of long hair by 45 degrees."""
+    gusts: Annotated[float, Between(0.0, 1.0)] = 0.5
+    """How much the wind comes and goes, from 0 (steady) to 1."""
+    seconds: Annotated[float, Between(0.0, 600.0)] = 4.0
+    """Duration; the wind rises during the first half second."""
+    fps: Annotated[float, Between(1.0, 240.0)] = 24.0
+    """Frames per second."""
+    seed: int = 0
+    """Seed of the gusts."""
+
+    def __post_init__(self) -> None:
+        if math.hypot(*self.direction) < 1e-6:
+            raise InputError("wind: expected a direction with a length, found zeros; give a direction.")
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return max(1, round(self.seconds * self.fps))
+
+
+Edit = Haircut | Density | Wind
 """Any edit."""

@@ -51,5 +51,7 @@ def _view_colours(renderer: HairRenderer, camera: Camera) -> Float[Tensor, "stra
     strands, output = renderer.strands, renderer.render(camera)
     visible = visible_points(output.lines, strands.points, renderer.model.config.supersample, strands.t)
     linear = srgb_to_linear(output.hair_rgb.clamp(0, 1)).reshape(-1, 3)
-    total = linear.new_zeros(len(strands), 3).index_add_(0, visible.strand, linear[visible.pixel])
+    total = linear.new_zeros(len(strands), 3).index_add_(
+        0, visible.strand, linear[visible.pixel] * visible.weight[:, None]
+    )
     return total / total.new_zeros(len(strands)).index_add_(0, visible.strand, visible.weight)[:, None]

@@ -4,16 +4,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
+from neural_strands.editing.edit_list import hair_motion
 from neural_strands.editing.guides import choose_guides
 from neural_strands.editing.hair import Hair
+from neural_strands.editing.wind import BlownHair
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.resample import resample
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.motion import Motion
 from neural_strands.grooms.scenes.alembic import Blender
-from neural_strands.grooms.scenes.scene import Scene, write_scene
+from neural_strands.grooms.scenes.scene import WITH_MOTION, Scene, write_scene
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.strand_colours import cameras_around, strand_colours
+from neural_strands.runs.edited import EditedHair
 
 
 @dataclass(frozen=True)
@@ -26,21 +30,32 @@ class ExportConfig:
     """Guides, where the format holds them; 0 for none."""
 
 
-def export_hair(hair: Hair, path: Path, config: ExportConfig, blender: Blender) -> Strands:
-    """Write hair with its colours to a file; returns what was written.
+def export_hair(edited: EditedHair, path: Path, config: ExportConfig, blender: Blender) -> Strands:
+    """Write hair with its colours and its motion to a file; returns the strands at rest.
 
     Raises:
         InputError: the suffix is unknown, Blender is needed and missing, or the file cannot be written.
     """
-    strands = coloured(hair)
+    strands = coloured(edited.hair)
     if config.points is not None and config.points != strands.points_per_strand:
         strands = resample(strands, config.points)
+    motion = None
+    if path.suffix.lower() in WITH_MOTION:
+        motion = groom_motion(hair_motion(replace(edited.hair, strands=strands), edited.edits))
     strands = strands.to("cpu")
     guides = None
     if config.guides:
         guides = Groom.from_strands(strands.select(choose_guides(strands.points[:, 0], config.guides)))
-    write_scene(path, Scene(Groom.from_strands(strands), guides), blender)
+    write_scene(path, Scene(Groom.from_strands(strands), guides, motion), blender)
     return strands
+
+
+def groom_motion(blown: BlownHair | None) -> Motion | None:
+    """The motion of a groom whose hair is blown."""
+    if blown is None:
+        return None
+    wind = blown.wind
+    return Motion(wind.fps, wind.frames, lambda frame: blown.at(frame / wind.fps).reshape(-1, 3))
 
 
 def coloured(hair: Hair) -> Strands:

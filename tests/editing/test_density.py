@@ -1,5 +1,7 @@
 """Denser and sparser hair from the scalp textures."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from scipy.spatial import KDTree
@@ -8,6 +10,8 @@ from tiny_hair import RADIUS, tiny_hair_model
 from neural_strands.editing.density import change_density
 from neural_strands.editing.hair import ScalpShape
 from neural_strands.editing.settings import Density
+from neural_strands.geometry.strands import lengths
+from neural_strands.prior.vae import load_prior
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +31,10 @@ def test_so_many_strands_spread_evenly_on_the_head(model, count):
     assert (radius < RADIUS + 1e-6).all()
     away = KDTree(shape.position.numpy()).query(shape.position.numpy(), k=2)[0][:, 1]
     assert away.min() > 0.2 * away.mean()
-    # The chart is seen from above, so uv and position must agree.
-    assert torch.allclose(shape.uv[:, 0], 0.5 + 0.5 * shape.position[:, 0] / radius, atol=0.03)
+    # The chart is seen from above, so uv and position agree, except where a stray takes its neighbour's place.
+    off = (shape.uv[:, 0] - 0.5 - 0.5 * shape.position[:, 0] / radius).abs()
+    assert off.median() < 1e-2
+    assert off.max() < 0.2
     upright = torch.nn.functional.normalize(shape.position, dim=1)
     assert ((shape.frame[:, :, 2] * upright).sum(dim=1) > 0.99).all()
 
@@ -44,3 +50,19 @@ def test_same_seed_same_strands(model):
     first, second, other = (change_density(Density(100, seed), ScalpShape.of(model), model) for seed in (0, 0, 1))
     assert torch.equal(first.uv, second.uv)
     assert not torch.equal(first.uv, other.uv)
+
+
+def test_between_hair_that_differs_new_strands_follow_one_side(model):
+    """Texels of short and of long strands meet at u = 0.5: what blends them would be of neither length."""
+    shape = ScalpShape.of(model)
+    texture = torch.zeros_like(shape.texture)
+    for columns, length in ((slice(None, 8), 0.02), (slice(8, None), 0.3)):
+        wanted = torch.linspace(0, length, 100)[None, :, None] * torch.tensor([0.0, 0.0, 1.0])
+        texture[:, columns] = load_prior().without_modulator().encode(wanted)[0]
+    # Roots in the texels' centres, so that none of them blends.
+    centred = replace(shape, texture=texture, uv=((shape.uv * 16).floor() + 0.5) / 16)
+    grown = lengths(change_density(Density(1000), centred, model).decode(model).points)
+    between = (grown > 0.04) & (grown < 0.2)
+    assert between.float().mean() < 0.01
+    blended = lengths(replace(centred, uv=shape.uv).decode(model).points)
+    assert ((blended > 0.04) & (blended < 0.2)).float().mean() > 0.01

@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
-from neural_strands.editing.settings import Density, Haircut
+from neural_strands.editing.settings import Density, Haircut, Wind
 from neural_strands.foundation.configs import check_config
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
     from neural_strands.editing.settings import Edit as HairEdit
 
-Kind = Annotated[Haircut, tyro.conf.subcommand("haircut")] | Annotated[Density, tyro.conf.subcommand("density")]
+Kind = (
+    Annotated[Haircut, tyro.conf.subcommand("haircut")]
+    | Annotated[Density, tyro.conf.subcommand("density")]
+    | Annotated[Wind, tyro.conf.subcommand("wind")]
+)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from neural_strands.foundation.configs import Between
 class Export:
     """Write fitted or edited hair for other programs: .usd, .abc, .glb, .hair, .data, .tfx, .ply, .obj or .npz.
 
-    Strands get a colour each, the median over the views that see them. USD and Alembic hold guides as well.
+    Strands get a colour each, the median over the views that see them. USD and Alembic also hold guides, and a time
+    sample per frame where wind blows; other formats hold the hair at rest.
     """
 
     source: Annotated[Path, tyro.conf.Positional]
@@ -42,7 +43,7 @@ class Export:
         blender = Blender(self.blender)
         if self.file.suffix.lower() == ".abc":
             blender.check()
-        hair = open_hair(self.source, pick_device(self.device)).hair
+        hair = open_hair(self.source, pick_device(self.device))
         written = export_hair(hair, self.file, ExportConfig(self.points, self.guides), blender)
         size = self.file.stat().st_size / 1e6
         sys.stderr.write(f"{self.file}: {len(written)} strands of {written.points_per_strand} points, {size:.1f} MB.\n")

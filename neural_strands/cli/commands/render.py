@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,9 +20,11 @@ from neural_strands.foundation.progress import track
 if TYPE_CHECKING:
     import numpy as np
 
+    from neural_strands.editing.wind import BlownHair
     from neural_strands.geometry.cameras import Camera
     from neural_strands.geometry.strands import Strands
     from neural_strands.model.hair_model import RenderOutput
+    from neural_strands.model.renderer import HairRenderer
     from neural_strands.runs.edited import EditedHair
 
 VIDEO_SUFFIXES = (".mp4",)
@@ -33,7 +35,8 @@ VIDEO_SUFFIXES = (".mp4",)
 class Render:
     """Render fitted or edited hair from given cameras or on a turntable.
 
-    The strands are decoded once. Images are PNG, named and in sub-folders as the cameras are; a video is MPEG-4.
+    The strands are decoded once. Images are PNG, named and in sub-folders as the cameras are; a video is MPEG-4. Hair
+    that wind moves is rendered frame by frame, while the camera goes through those that are given.
     """
 
     model: Annotated[Path, tyro.conf.Positional]
@@ -51,7 +54,7 @@ class Render:
     points: int | None = None
     """Points per strand. Default: those of the model."""
     fps: float = 30.0
-    """Frames per second of a video."""
+    """Frames per second of a video; those of the wind where it blows."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
@@ -61,6 +64,7 @@ class Render:
         """Decode, render, write."""
         import torch
 
+        from neural_strands.editing.edit_list import hair_motion
         from neural_strands.model.renderer import HairRenderer
         from neural_strands.runs.edited import open_hair
 
@@ -69,13 +73,16 @@ class Render:
         model = opened.hair.modelled("render")
         begin = time.perf_counter()
         with torch.inference_mode():
-            renderer = HairRenderer.of(model, self._strands(opened))
-            cameras = self._cameras(renderer.strands)
-            with self._writer(cameras[0]) as write:
-                for camera in track(cameras, "rendering"):
-                    write(camera.name, self._frame(renderer.render(camera)))
+            strands = self._strands(opened)
+            cameras = self._cameras(strands)
+            motion = hair_motion(replace(opened.hair, strands=strands), opened.edits)
+            frames = _frames(HairRenderer.of(model, strands), cameras, motion)
+            count = len(cameras) if motion is None else motion.wind.frames
+            with self._writer(cameras[0], self.fps if motion is None else motion.wind.fps) as write:
+                for name, output in track(frames, "rendering", total=count):
+                    write(name, self._frame(output))
         result = {
-            "frames": len(cameras),
+            "frames": count,
             "seconds": round(time.perf_counter() - begin, 2),
             "out": str(self.out),
         }
@@ -129,7 +136,7 @@ class Render:
         return to_bytes(torch.cat([output.hair_rgb, output.alpha[..., None]], dim=-1) if self.alpha else output.rgb)
 
     @contextmanager
-    def _writer(self, first: "Camera") -> "Iterator[Callable[[str, np.ndarray], None]]":
+    def _writer(self, first: "Camera", fps: float) -> "Iterator[Callable[[str, np.ndarray], None]]":
         """A function that takes the frames one by one, and puts them where `out` says."""
         import cv2
 
@@ -146,7 +153,7 @@ class Render:
         with atomic_file(self.out) as temporary:
             # The codec asks for even sides: one column or row may be dropped.
             size = (max(first.width // 2 * 2, 2), max(first.height // 2 * 2, 2))
-            video = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), self.fps, size)
+            video = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
             if not video.isOpened():
                 raise InputError(
                     f"{self.out}: expected an MPEG-4 encoder in OpenCV, found none; name a folder instead."
@@ -160,6 +167,20 @@ class Render:
                 yield write_frame
             finally:
                 video.release()
+
+
+def _frames(
+    renderer: "HairRenderer", cameras: "list[Camera]", motion: "BlownHair | None"
+) -> "Iterator[tuple[str, RenderOutput]]":
+    """Names and pictures: one per camera or, of hair that moves, one per frame."""
+    if motion is None:
+        for camera in cameras:
+            yield camera.name, renderer.render(camera)
+        return
+    for frame in range(motion.wind.frames):
+        camera = cameras[frame * len(cameras) // motion.wind.frames]
+        blown = replace(renderer.strands, points=motion.at(frame / motion.wind.fps))
+        yield f"{frame:04d}", renderer.showing(blown).render(camera)
 
 
 def picture_name(camera: str, taken: set[str]) -> str:

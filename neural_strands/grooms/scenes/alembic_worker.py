@@ -47,6 +47,10 @@ def main() -> int:
         bpy.context.scene.render.fps = max(1, round(fps))
         bpy.context.scene.render.fps_base = max(1, round(fps)) / fps
 
+        # The exporter writes one sample only of what bears no animation.
+        curves["frame"] = 0.0
+        curves.keyframe_insert(data_path='["frame"]', frame=FIRST_FRAME)
+
         def follow(scene: Any, *_: Any, curves: Any = curves, frames: Any = frames) -> None:
             place(curves, frames[min(max(scene.frame_current - FIRST_FRAME, 0), len(frames) - 1)])
             curves.update_tag()

@@ -1,0 +1,68 @@
+"""Strands from steps, kept out of the head: a step that would lead inside is turned, so lengths stay as they are."""
+
+import torch
+import warp as wp
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.editing.kernels.outside import follow_outside as follow_kernel
+from neural_strands.foundation import kernels
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+
+ROUNDS = 4
+"""Times that a step is turned until it ends outside."""
+CLEARANCE = 0.001
+"""Height above the skin that strands keep, metres, except where they were lower to begin with."""
+
+
+def rest_clearance(points: Float[Tensor, "strand point 3"], body: SignedDistanceGrid) -> Float[Tensor, "strand point"]:
+    """Height above the body that every point must keep: its own at rest, between 0 and `CLEARANCE`."""
+    return body(points).clamp(0.0, CLEARANCE)
+
+
+def follow_outside(
+    roots: Float[Tensor, "strand 3"],
+    steps: Float[Tensor, "strand segment 3"],
+    body: SignedDistanceGrid,
+    clearance: Float[Tensor, "strand point"],
+) -> Float[Tensor, "strand point 3"]:
+    """Points that follow `steps` from the roots, at least `clearance` above the body.
+
+    Args:
+        roots: world metres.
+        steps: segments of the strands, one after the other.
+        body: signed distance to head and body.
+        clearance: least height of each point, metres; the root's is not used.
+    """
+    points = torch.zeros(len(roots), steps.shape[1] + 1, 3, device=roots.device)
+    points[:, 0] = roots
+    inputs = [
+        *body.grid.kernel_inputs(),
+        kernels.array(body.values.float()),
+        kernels.array(steps.float().contiguous(), wp.vec3),
+        kernels.array(clearance.float().contiguous()),
+        ROUNDS,
+        kernels.array(points, wp.vec3),
+    ]
+    kernels.launch_split(follow_kernel, len(roots), inputs, roots.device)
+    return points
+
+
+def follow_outside_reference(
+    roots: Float[Tensor, "strand 3"],
+    steps: Float[Tensor, "strand segment 3"],
+    body: SignedDistanceGrid,
+    clearance: Float[Tensor, "strand point"],
+) -> Float[Tensor, "strand point 3"]:
+    """The twin of `follow_outside` in plain torch."""
+    points = [roots]
+    for k in range(steps.shape[1]):
+        length = steps[:, k].norm(dim=-1, keepdim=True)
+        target = points[-1] + steps[:, k]
+        for _ in range(ROUNDS):
+            distance, outward = body.with_outward(target)
+            missing = (clearance[:, k + 1] - distance)[:, None]
+            turned = torch.nn.functional.normalize(target + missing * outward - points[-1], dim=-1)
+            target = torch.where(missing > 0, points[-1] + length * turned, target)
+        points.append(target)
+    return torch.stack(points, dim=1)

@@ -1,0 +1,40 @@
+"""Strands kept out of a body, against the twin and against the ball's own formula."""
+
+import pytest
+import torch
+from tiny_hair import RADIUS, tiny_hair_model
+
+from neural_strands.editing.hair import Hair
+from neural_strands.editing.outside import CLEARANCE, follow_outside, follow_outside_reference, rest_clearance
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.strands import segments
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return SignedDistanceGrid.build(tiny_hair_model().body.mesh, 0.005)
+
+
+def test_steps_that_lead_inside_are_turned(ball):
+    strands = Hair.of(tiny_hair_model()).strands
+    clearance = torch.full(strands.points.shape[:2], CLEARANCE)
+    steps = segments(strands.points)
+    # Straight at the centre of the ball, from everywhere.
+    into = -torch.nn.functional.normalize(strands.points[:, :1], dim=-1) * steps.norm(dim=-1, keepdim=True)
+    for given in (steps, into + 0.3 * steps):
+        points = follow_outside(strands.points[:, 0], given, ball, clearance)
+        twin = follow_outside_reference(strands.points[:, 0], given, ball, clearance)
+        assert torch.allclose(points, twin, atol=1e-4)
+        assert torch.allclose(segments(points).norm(dim=-1), given.norm(dim=-1), rtol=1e-3)
+        assert (points[:, 1:].norm(dim=-1) > RADIUS - 1e-3).all()
+
+
+def test_steps_outside_are_followed_as_they_are(ball):
+    strands = Hair.of(tiny_hair_model()).strands
+    clearance = rest_clearance(strands.points, ball)
+    outside = (ball(strands.points) >= 0).all(dim=1)
+    points = follow_outside(strands.points[:, 0], segments(strands.points), ball, clearance)
+    assert outside.any()
+    assert torch.allclose(points[outside], strands.points[outside], atol=2e-4)
+    assert (clearance >= 0).all()
+    assert (clearance <= CLEARANCE).all()

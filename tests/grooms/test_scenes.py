@@ -1,0 +1,169 @@
+"""Export formats: guides and motion in USD, lines in .glb, Alembic through Blender."""
+
+import importlib
+import json
+import os
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.grooms.groom import Groom
+from neural_strands.grooms.io import read_groom
+from neural_strands.grooms.motion import Motion
+from neural_strands.grooms.scenes.alembic import Blender
+from neural_strands.grooms.scenes.scene import Scene, check_scene_path, write_scene
+
+REAL_BLENDER = "NEURAL_STRANDS_BLENDER"
+"""Environment variable: a Python that has bpy."""
+LOOK = """
+import json, sys
+import bpy
+import numpy as np
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+path = sys.argv[-1]
+(bpy.ops.wm.alembic_import if path.endswith(".abc") else bpy.ops.wm.usd_import)(filepath=path)
+found = {}
+for shown in bpy.data.objects:
+    if shown.type != "CURVES":
+        continue
+    frames = []
+    for frame in (0, 2):
+        bpy.context.scene.frame_set(frame)
+        curves = shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        points = np.zeros(3 * len(curves.points), np.float32)
+        curves.attributes["position"].data.foreach_get("vector", points)
+        matrix = np.array(shown.matrix_world)
+        frames.append((points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]).tolist())
+    radius = np.zeros(len(curves.points), np.float32)
+    curves.attributes["radius"].data.foreach_get("value", radius)
+    sizes = [curve.points_length for curve in curves.curves]
+    names = [attribute.name for attribute in curves.attributes]
+    found[shown.name] = {"frames": frames, "sizes": sizes, "radius": radius.tolist(), "names": names}
+print("found " + json.dumps(found))
+"""
+
+
+@pytest.fixture
+def scene(generator) -> Scene:
+    sizes = torch.tensor([5, 3, 4])
+    vertices = torch.randn(12, 3, generator=generator) * 0.1
+    strands = Groom(
+        vertices,
+        torch.cat([torch.zeros(1, dtype=torch.int64), sizes.cumsum(0)]),
+        root_uv=torch.rand(3, 2, generator=generator),
+        root_normal=torch.nn.functional.normalize(torch.randn(3, 3, generator=generator), dim=1),
+        width=torch.rand(12, generator=generator) * 1e-4,
+        color=torch.rand(3, 3, generator=generator),
+    )
+    guides = Groom(vertices[:5], torch.tensor([0, 5]))
+    return Scene(strands, guides, Motion(12.0, 3, lambda frame: vertices + 0.01 * frame))
+
+
+@pytest.mark.parametrize("suffix", [".usd", ".usda"])
+def test_usd_holds_guides_and_a_sample_per_frame(scene, tmp_path, suffix):
+    path = tmp_path / f"hair{suffix}"
+    write_scene(path, scene, Blender())
+    usd, geometry = importlib.import_module("pxr.Usd"), importlib.import_module("pxr.UsdGeom")
+    stage = usd.Stage.Open(str(path))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (0, 2, 12)
+    points = geometry.BasisCurves(stage.GetPrimAtPath("/hair/strands")).GetPointsAttr()
+    for frame in range(3):
+        assert np.allclose(np.array(points.Get(frame)), scene.strands.vertices + 0.01 * frame, atol=1e-6)
+    guides = geometry.BasisCurves(stage.GetPrimAtPath("/hair/guides"))
+    assert guides.GetPurposeAttr().Get() == "guide"
+    # Read as a groom, the guides are not added to the strands that they stand for.
+    again = read_groom(path)
+    assert torch.equal(again.offsets, scene.strands.offsets)
+    assert torch.allclose(again.vertices, scene.strands.vertices, atol=1e-6)
+    assert again.color is not None
+
+
+def test_usdchecker_finds_nothing_wrong(scene, tmp_path):
+    write_scene(tmp_path / "hair.usd", scene, Blender())
+    usd, checks = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdValidation")
+    # What the program usdchecker runs.
+    validators = checks.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) > 10
+    errors = checks.ValidationContext(validators).Validate(usd.Stage.Open(str(tmp_path / "hair.usd")))
+    assert [error.GetErrorAsString() for error in errors] == []
+
+
+def test_glb_is_read_by_another_library(scene, tmp_path):
+    path = tmp_path / "hair.glb"
+    write_scene(path, scene, Blender())
+    data = path.read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + size])
+    assert document["meshes"][0]["primitives"][0]["mode"] == 1
+    read = trimesh.load(path, force="scene")
+    assert np.allclose(read.bounds, [scene.strands.vertices.amin(0), scene.strands.vertices.amax(0)], atol=1e-6)
+    binary = data[28 + size :]
+    views, accessors = document["bufferViews"], document["accessors"]
+    indices = np.frombuffer(binary, np.uint32, accessors[0]["count"], views[0]["byteOffset"]).reshape(-1, 2)
+    assert indices.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4], [5, 6], [6, 7], [8, 9], [9, 10], [10, 11]]
+    colours = np.frombuffer(binary, np.uint16, 4 * 12, views[2]["byteOffset"]).reshape(12, 4) / 65535
+    assert scene.strands.color is not None
+    assert np.allclose(colours[[0, 4, 5, 11], :3], scene.strands.color[[0, 0, 1, 2]], atol=1e-4)
+    assert (colours[:, 3] == 1).all()
+
+
+@pytest.mark.parametrize("suffix", [".hair", ".data", ".tfx", ".ply", ".obj", ".npz"])
+def test_grooms_read_back_equal(scene, tmp_path, suffix):
+    path = tmp_path / f"hair{suffix}"
+    write_scene(path, scene, Blender())
+    again = read_groom(path)
+    assert torch.equal(again.offsets, scene.strands.offsets)
+    assert torch.allclose(again.vertices, scene.strands.vertices, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".abc", ".usd"])
+def test_blender_opens_what_is_written(scene, tmp_path, suffix):
+    """Both come up standing in Blender, where z is up: (x, y, z) is at (x, -z, y)."""
+    python = os.environ.get(REAL_BLENDER)
+    if python is None:
+        pytest.skip(f"{REAL_BLENDER} names no Python with bpy")
+    path = tmp_path / f"hair{suffix}"
+    write_scene(path, scene, Blender(Path(python)))
+    (tmp_path / "look.py").write_text(LOOK)
+    done = subprocess.run([python, tmp_path / "look.py", path], capture_output=True, text=True, check=True)
+    line = next(line for line in done.stdout.splitlines() if line.startswith("found "))
+    found = json.loads(line.removeprefix("found "))
+    strands = found["strands"]
+    assert strands["sizes"] == [5, 3, 4]
+    for shown, frame in zip(strands["frames"], (0, 2), strict=True):
+        x, y, z = (scene.strands.vertices + 0.01 * frame).unbind(dim=1)
+        assert np.allclose(shown, torch.stack([x, -z, y], dim=1), atol=1e-5)
+    assert scene.strands.width is not None
+    assert np.allclose(strands["radius"], scene.strands.width / 2, atol=1e-7)
+    if suffix == ".usd":
+        assert {"displayColor", "st", "rootNormal"} <= set(strands["names"])
+    else:
+        assert found["guides"]["sizes"] == [5]
+
+
+def test_refusals(scene, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"expected a groom with one of .usd, .* found .gltf; choose one"):
+        check_scene_path(tmp_path / "hair.gltf")
+    with pytest.raises(InputError, match=r"expected a format that holds motion with one of .* found .ply"):
+        check_scene_path(tmp_path / "hair.ply", moves=True)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"expected Blender's module bpy, found none; install it"):
+        write_scene(tmp_path / "hair.abc", scene, Blender())
+    with pytest.raises(InputError, match="found no file"):
+        write_scene(tmp_path / "hair.abc", scene, Blender(tmp_path / "python"))
+    broken = tmp_path / "python"
+    broken.write_text("#!/bin/sh\necho no module bpy >&2\nexit 1\n")
+    broken.chmod(0o755)
+    with pytest.raises(InputError, match="expected Blender to work, found: no module bpy"):
+        write_scene(tmp_path / "hair.abc", scene, Blender(broken))
+    assert [path.name for path in tmp_path.iterdir()] == ["python"]
