@@ -10,6 +10,7 @@ from neural_strands.fitting.first_strands import flow_latents, hair_flow, textur
 from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.seen_directions import seen_from
 from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.scalp.roots import sample_roots
 
@@ -30,6 +31,8 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     random = torch.Generator().manual_seed(config.seed)
     roots = sample_roots(data.head.to("cpu"), config.strands, random)
     model = HairModel(config.model, roots, prior.generator, data.head.to("cpu").mesh, random).to(device)
+    places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
+    model.seen_from = seen_from(places, model.background.centre.cpu())
     if config.initialise == "flow":
         roots, mesh = roots.to(device), data.head.mesh
         flow = hair_flow(data.segments, data.views, mesh, roots, config.initial)

@@ -21,6 +21,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import Background, Body, SurroundConfig, area_mean, compose
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
+from neural_strands.model.seen_directions import turn_to_seen
 from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
@@ -107,6 +108,7 @@ class HairModel(nn.Module):
     Attributes:
         config: sizes.
         strand_width: width of the strands as drawn, metres: the config's until a fit finds one; part of the state.
+        seen_from: unit directions to the cameras of the photographs, once a fit has said so; part of the state.
     """
 
     root_position: Tensor
@@ -133,6 +135,7 @@ class HairModel(nn.Module):
         super().__init__()
         self.config = config
         self.strand_width = config.lines.width
+        self.seen_from = torch.zeros(0, 3)
         self.register_buffer("root_position", roots.position.float().clone())
         self.register_buffer("root_uv", roots.uv.float().clone())
         self.register_buffer("root_frame", roots.frame.float().clone())
@@ -151,12 +154,14 @@ class HairModel(nn.Module):
         return replace(self.config.lines, width=self.strand_width)
 
     def get_extra_state(self) -> Tensor:
-        """The width of the strands, beside the tip of the config, as `state_dict` stores them."""
-        return torch.tensor([self.strand_width, self.config.lines.tip], dtype=torch.float64)
+        """The width of the strands, the tip of the config and `seen_from`, as `state_dict` stores them."""
+        numbers = torch.tensor([self.strand_width, self.config.lines.tip], dtype=torch.float64)
+        return torch.cat([numbers, self.seen_from.double().flatten()])
 
     def set_extra_state(self, state: Tensor) -> None:
-        """Take the width of the strands from a `state_dict`; the tip is the config's."""
+        """Take the width of the strands and `seen_from` from a `state_dict`; the tip is the config's."""
         self.strand_width = state.tolist()[0]
+        self.seen_from = state[2:].reshape(-1, 3).float().cpu()
 
     def forward(self, camera: Camera) -> RenderOutput:
         """Decode the strands and render them."""
@@ -239,6 +244,10 @@ class HairModel(nn.Module):
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
         view = functional.normalize(visible.world - camera.position, dim=1)
         around = (volume or hair_volume(strands.points)).at(visible.world)
+        turn = self._turn(camera)
+        if turn is not None:
+            descriptor = torch.cat([appearance, direction @ turn.T, descriptor[:, -1:]], dim=1)
+            view, around = view @ turn.T, torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
         colour = self.shading(descriptor, view, around)
         pixels, _ = camera.project(visible.world)
         descriptor = torch.cat([descriptor, colour], dim=1)
@@ -268,7 +277,13 @@ class HairModel(nn.Module):
         column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
         centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
-        return camera.rays(centres), share.clamp(max=1.0)[..., None]
+        rays, turn = camera.rays(centres), self._turn(camera)
+        return rays if turn is None else rays @ turn.T, share.clamp(max=1.0)[..., None]
+
+    def _turn(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
+        """How directions are turned before networks see them, for a camera far from all photographs."""
+        turn = turn_to_seen(camera.position.cpu() - self.background.centre.cpu(), self.seen_from)
+        return None if turn is None else turn.to(self.root_uv)
 
 
 def filled_from_below(

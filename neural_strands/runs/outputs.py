@@ -10,6 +10,7 @@ from torch import Tensor
 
 from neural_strands.fitting.first_colours import strand_colours
 from neural_strands.fitting.fit_data import FitData
+from neural_strands.fitting.unseen_appearance import fill_unseen_appearance
 from neural_strands.flow.unseen import unseen_share
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
@@ -32,10 +33,13 @@ from neural_strands.runs.run_folder import RunFolder
 def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dict[str, str]) -> Strands:
     """Write the model and the groom of a fit, finished or stopped; returns the strands.
 
+    Where no photograph shows hair, the model first takes its appearance from beside.
+
     Raises:
         InputError: the folder cannot be written.
     """
     strands = model.decode()
+    fill_unseen_appearance(model, strands, data.views)
     width, color = strand_widths(model, strands), groom_colours(model, strands, data)
     unseen = strands_unseen(strands, data.views.cameras, data.head.mesh)
     coloured = replace(strands, width=width, color=color, unseen=unseen).to("cpu")

@@ -1,0 +1,108 @@
+"""Cameras far from all photographs, against closed forms and against hair that really is turned."""
+
+import math
+
+import pytest
+import torch
+from test_model_hair_model import model, stubble
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.strands import Strands
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.seen_directions import seen_from, turn_to_seen
+
+UP = torch.tensor([0.0, 1.0, 0.0])
+
+
+def direction(azimuth: float, height: float = 0.0) -> torch.Tensor:
+    """Unit direction from degrees about the vertical, from the front, and above the horizon."""
+    a, h = math.radians(azimuth), math.radians(height)
+    return torch.tensor([math.cos(h) * math.sin(a), math.sin(h), math.cos(h) * math.cos(a)])
+
+
+def arc(last: int, height: float = 0.0) -> torch.Tensor:
+    """Photographs every 15 degrees up to `last` on both sides."""
+    return torch.stack([direction(azimuth, height) for azimuth in range(-last, last + 1, 15)])
+
+
+def test_near_photographs_nothing_turns():
+    for azimuth in (0, 37, 90, 119):
+        assert turn_to_seen(0.7 * direction(azimuth), arc(90)) is None
+    assert turn_to_seen(direction(180), torch.zeros(0, 3)) is None
+    ring = torch.stack([direction(azimuth) for azimuth in range(0, 360, 40)])
+    assert turn_to_seen(direction(20), ring) is None
+
+
+def test_from_behind_the_hair_is_turned_about_the_vertical():
+    turn = turn_to_seen(direction(180, 10), arc(45, 10))
+    assert turn is not None
+    torch.testing.assert_close(turn @ turn.T, torch.eye(3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(turn @ UP, UP, atol=0.05, rtol=0)
+    assert torch.rad2deg(torch.acos((arc(45, 10) @ (turn @ direction(180, 10))).max())) < 15
+
+
+@pytest.mark.parametrize("place", [direction(150), direction(100, 60), direction(-170, -40), direction(10, 89.99)])
+def test_what_a_camera_sees_after_turning_was_photographed(place):
+    seen = arc(45)
+    turn = turn_to_seen(place, seen)
+    assert turn is not None
+    assert torch.linalg.det(turn) == pytest.approx(1, abs=1e-5)
+    before, after = (torch.rad2deg(torch.acos((seen @ way).max().clamp(max=1))) for way in (place, turn @ place))
+    assert after < min(float(before), 25.0)
+
+
+def test_the_turn_begins_and_goes_on_gently():
+    seen, before = arc(90), torch.eye(3)
+    for azimuth in torch.arange(110, 250, 0.5).tolist():
+        turn = turn_to_seen(direction(azimuth), seen)
+        turn = torch.eye(3) if turn is None else turn
+        cosine = (torch.trace(turn @ before.T) - 1) / 2
+        assert torch.rad2deg(torch.acos(cosine.clamp(-1, 1))) < 8
+        before = turn
+
+
+def test_directions_are_those_to_the_cameras():
+    places = torch.tensor([[1.0, 2.0, 3.0], [1.0, 0.0, 3.0]])
+    torch.testing.assert_close(seen_from(places, torch.tensor([1.0, 1.0, 3.0])), torch.stack([UP, -UP]))
+
+
+def test_unseen_hair_looks_as_if_it_were_turned_to_the_photographs(generator: torch.Generator):
+    hair = model()
+    randomise(hair, generator)
+    middle = hair.background.centre
+    strands = stubble(hair)
+    back = Camera.look_at(middle + 0.5 * direction(180), middle, 60.0, (32, 32))
+    untouched = hair.render(strands, back).hair_rgb
+    hair.seen_from = arc(60)
+    found = hair.render(strands, back)
+    turn = turn_to_seen(direction(180), hair.seen_from)
+    assert turn is not None
+    hair.seen_from = torch.zeros(0, 3)
+    turned = Strands((strands.points - middle) @ turn.T + middle, root_uv=strands.root_uv)
+    camera = Camera.look_at(middle + 0.5 * turn @ direction(180), middle, 60.0, (32, 32))
+    # The same pixels see the same strands; only the grid about the hair lies differently.
+    lines = hair.draw(turned, camera).lines
+    drawn = hair.draw(strands, back).lines
+    same = (lines.segment == drawn.segment).float().mean()
+    assert same > 0.9
+    expected = hair.render(turned, camera).hair_rgb
+    covered = found.coverage > 0
+    close = (found.hair_rgb - expected)[covered].abs().mean()
+    assert close < 0.25 * (untouched - expected)[covered].abs().mean()
+
+
+def randomise(hair: HairModel, generator: torch.Generator) -> None:
+    """Shading that depends on every direction."""
+    with torch.no_grad():
+        for weight in (hair.shading.outer, hair.textures.appearance):
+            weight.copy_(torch.randn(weight.shape, generator=generator))
+
+
+def test_a_model_keeps_where_it_was_seen_from():
+    hair, other = model(), model()
+    hair.seen_from = arc(45)
+    other.load_state_dict(hair.state_dict())
+    torch.testing.assert_close(other.seen_from, hair.seen_from)
+    older = {**hair.state_dict(), "_extra_state": torch.tensor([1e-4, 0.0], dtype=torch.float64)}
+    other.load_state_dict(older)
+    assert len(other.seen_from) == 0
