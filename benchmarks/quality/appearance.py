@@ -29,6 +29,7 @@ from neural_strands.fitting.fit import FitState, fit, start_fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.foundation.memory import keep_freed_memory
+from neural_strands.foundation.srgb import to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
@@ -120,7 +121,7 @@ def known_colours(model: HairModel, strands: Strands, targets: list[View]) -> to
 def one_colour_a_strand(
     model: HairModel, strands: Strands, colours: torch.Tensor, camera: Camera, behind: torch.Tensor
 ) -> torch.Tensor:
-    """Baseline: strands of one colour each, splatted as densely as the renderer does, over the fitted surround."""
+    """Baseline: one linear colour a strand, splatted as densely as the renderer does, over the fitted surround."""
     factor = model.config.supersample
     fine = camera.resized(camera.width * factor, camera.height * factor)
     lines = rasterise_lines(strands.points, fine, model.body(fine).depth, model.lines)
@@ -128,7 +129,7 @@ def one_colour_a_strand(
     pixels, _ = camera.project(visible.world)
     drawn = splat(pixels, colours[visible.strand], (camera.height, camera.width), amounts=visible.weight)
     alpha = (drawn.coverage / factor**2).clamp(max=1)[..., None]
-    return alpha * drawn.features.permute(1, 2, 0) + (1 - alpha) * behind
+    return to_srgb(alpha * drawn.features.permute(1, 2, 0) + (1 - alpha) * behind)
 
 
 def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets: list[View]) -> torch.Tensor:

@@ -17,7 +17,15 @@ from torch import Tensor
 
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
 from neural_strands.capture.ground_truth import read_ground_truth
-from neural_strands.capture.images import ImageCache, alpha_of, colour_of, mask_of, read_pixels, unit_tensor
+from neural_strands.capture.images import (
+    ImageCache,
+    alpha_of,
+    colour_of,
+    mask_of,
+    read_pixels,
+    undistorted,
+    unit_tensor,
+)
 from neural_strands.capture.transforms import read_transforms
 from neural_strands.capture.view_files import ViewFiles
 from neural_strands.foundation.errors import InputError
@@ -152,7 +160,7 @@ class Capture:
                     "alpha": np.zeros((0, 0), pixels.dtype) if alpha is None else alpha,
                 }
             return {
-                (path, name, view.lens): view.lens.undistort(stored) if stored.size else stored
+                (path, name, view.lens): undistorted(stored, view.lens, colour=name == "image")
                 for name, stored in parts.items()
             }
 

@@ -12,6 +12,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.findings import Finding
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
+from neural_strands.foundation.srgb import to_linear
 
 BLURRED = 0.55
 """Share of an image's fine detail that survives a further blur of one pixel: sharp photographs keep 0.2 to 0.45, after
@@ -136,7 +137,7 @@ def _facts(capture: Capture, index: int) -> ImageFacts:
     except InputError as error:
         return ImageFacts(name, problem=str(error).rstrip("."))
     subject = _subject(image, hair, person)
-    linear = image[subject] ** 2.2
+    linear = to_linear(torch.from_numpy(image[subject])).numpy()
     return ImageFacts(
         name,
         blur=_blur(image, subject),

@@ -11,9 +11,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.capture.lens import Lens
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.input_files import read_bytes
+from neural_strands.foundation.srgb import linear_samples, srgb_samples
 
 
 class ImageCache:
@@ -81,12 +83,12 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
 
 
 def colour_of(pixels: np.ndarray) -> np.ndarray:
-    """Three colour channels of stored pixels: grey is repeated, and colour with alpha is composited over black."""
+    """Three colour channels of stored pixels: grey is repeated; colour with alpha lies over black, in linear light."""
     channels = pixels.shape[2]
     colour = pixels[:, :, : 3 if channels > 2 else 1]
     if channels in (2, 4):
-        top = np.iinfo(pixels.dtype).max
-        colour = (colour.astype(np.float64) * (pixels[:, :, -1:] / top) + 0.5).astype(pixels.dtype)
+        share = pixels[:, :, -1:] / np.iinfo(pixels.dtype).max
+        colour = srgb_samples((linear_samples(colour) * share + 0.5).astype(np.uint16), pixels.dtype)
     return np.ascontiguousarray(np.broadcast_to(colour, (*colour.shape[:2], 3)))
 
 
@@ -101,6 +103,15 @@ def mask_of(pixels: np.ndarray) -> np.ndarray:
     if alpha is not None and alpha.min() < np.iinfo(alpha.dtype).max:
         return alpha
     return np.ascontiguousarray(pixels[:, :, 0])
+
+
+def undistorted(samples: np.ndarray, lens: Lens, *, colour: bool) -> np.ndarray:
+    """Stored samples as a pinhole camera sees them; colours are interpolated in linear light."""
+    if not lens.distorts or not samples.size:
+        return samples
+    if not colour:
+        return lens.undistort(samples)
+    return srgb_samples(lens.undistort(linear_samples(samples)), samples.dtype)
 
 
 def to_unit(image: np.ndarray) -> np.ndarray:

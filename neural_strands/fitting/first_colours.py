@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
@@ -35,6 +36,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
         return
+    colour = to_srgb(colour)  # as the point shader gives it
     mean = (colour * weight[:, None]).sum(dim=0) / weight.sum()
     height, width, _ = model.textures.appearance.shape
     total, share = spread(colour[seen] - mean, strands.root_uv[seen], height, width)
@@ -49,7 +51,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
 def strand_colours(
     model: HairModel, strands: Strands, targets: Views | Sequence[View]
 ) -> tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]:
-    """Mean colour of the pixels that see each strand, weighted by the hair mask, and the sum of the weights."""
+    """Mean linear colour of the pixels that see each strand, weighted by the hair mask, and the sum of the weights."""
     device = strands.points.device
     total, weight = torch.zeros(len(strands), 3, device=device), torch.zeros(len(strands), device=device)
     for target in targets:
@@ -58,7 +60,8 @@ def strand_colours(
         sure = visible.weight
         if target.hair_mask is not None:
             sure = sure * target.hair_mask.reshape(-1)[visible.pixel]
-        total.index_add_(0, visible.strand, target.image.reshape(-1, 3)[visible.pixel] * sure[:, None])
+        light = to_linear(target.image).reshape(-1, 3)
+        total.index_add_(0, visible.strand, light[visible.pixel] * sure[:, None])
         weight.index_add_(0, visible.strand, sure)
     return total / weight.clamp(min=TINY)[:, None], weight
 
@@ -96,12 +99,12 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
     for target in targets:
-        hair = _hair(model, strands, target)
+        hair, light = _hair(model, strands, target), to_linear(target.image)
         body = model.body(target.camera)
         shown = (body.colour, model.background(target.camera))
         shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
-            for total, value in ((sums[k], target.image), (weights[k], torch.ones_like(target.image))):
+            for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
                 total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]
     with torch.no_grad():
         for colour, total, weight in zip(colours, sums, weights, strict=True):

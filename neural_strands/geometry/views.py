@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.rectangle import Rectangle
 
@@ -103,9 +104,11 @@ class Views:
             found, camera = self.read(index, part), cameras[index]
             if found is None or found.shape[:2] == (camera.height, camera.width):
                 return found
-            # Each new pixel is the mean of the area that it covers.
-            small = cv2.resize(found.cpu().numpy(), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-            return torch.from_numpy(small).to(found.device)
+            # Each new pixel is the mean of the area that it covers, in linear light.
+            light = to_linear(found) if part == "image" else found
+            small = cv2.resize(light.cpu().numpy(), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+            reduced = torch.from_numpy(small).to(found.device)
+            return to_srgb(reduced) if part == "image" else reduced
 
         return Views(cameras, self.has_hair_mask, read)
 

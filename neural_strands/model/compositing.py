@@ -1,7 +1,7 @@
 """What lies behind the hair: a body mesh and a surrounding sphere, both with learned colours (paper, 4.3).
 
 The body's colours are a low-resolution texture where the mesh has texture coordinates, and one colour per vertex where
-it has none. The sphere's are an equirectangular texture: u follows the azimuth, v the height, y up.
+it has none. The sphere's are an equirectangular texture: u follows the azimuth, v the height, y up. All are linear.
 """
 
 import math
@@ -20,8 +20,8 @@ from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
-START = 0.5
-"""Colour of everything before it is learned: mid grey."""
+START = 0.2
+"""Colour of everything before it is learned, linear: mid grey."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class BodyImage:
     """The body as a camera sees it.
 
     Attributes:
-        colour: learned colour of the visible surface, zero where there is none.
+        colour: learned colour of the visible surface, linear, zero where there is none.
         coverage: 1 where the body is, 0 elsewhere.
         depth: metres along the optical axis; infinite where there is none.
     """
@@ -99,7 +99,7 @@ class Background(nn.Module):
         self.colour = nn.Parameter(torch.full((config.background_texture, 2 * config.background_texture, 3), START))
 
     def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
-        """Colour of the sphere behind every pixel."""
+        """Linear colour of the sphere behind every pixel."""
         rays = camera.rays(camera.pixel_centres().view(-1, 2))
         on_sphere = sphere_directions(camera.position - self.centre, rays, self.radius)
         # One extra column at each end, so that interpolation wraps around.
@@ -139,7 +139,7 @@ def compose(
     alpha: Float[Tensor, "height width"],
     behind: Float[Tensor, "height width 3"],
 ) -> Float[Tensor, "height width 3"]:
-    """Hair over what lies behind it: I = a C + (1 - a) B."""
+    """Hair over what lies behind it, in linear light: I = a C + (1 - a) B."""
     return torch.lerp(behind, hair, alpha[..., None])
 
 

@@ -20,7 +20,7 @@ from neural_strands.scalp.roots import Roots
 
 CONFIG_NAME = "config.json"
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 5
+FORMAT = 6
 """Version of the folder's layout."""
 ADVICE = "copy the folder again or fit anew"
 SHAPES = {

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
@@ -86,10 +87,10 @@ class RenderOutput:
     """One rendered view.
 
     Attributes:
-        rgb: hair over body over background, sRGB; not clamped to [0, 1].
+        rgb: the picture: hair over body over background, sRGB-encoded; not clamped to [0, 1].
         alpha: opacity of the hair.
-        hair_rgb: colour of the hair alone.
-        behind_rgb: body over background.
+        hair_rgb: colour of the hair alone, linear.
+        behind_rgb: body over background, linear.
         coverage: share of each pixel covered by strands.
         lines: the drawn lines, at `supersample` times the image's resolution.
     """
@@ -218,8 +219,9 @@ class HairModel(nn.Module):
         background = self.background(camera)
         background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
         behind = area_mean(body.colour, factor) + (1 - share) * background
-        rgb = compose(raw[..., :3], alpha, behind)
-        return RenderOutput(rgb, alpha, raw[..., :3], behind, coverage, drawing.lines)
+        hair = to_linear(raw[..., :3])
+        rgb = to_srgb(compose(hair, alpha, behind))
+        return RenderOutput(rgb, alpha, hair, behind, coverage, drawing.lines)
 
     def splat_descriptors(
         self,
@@ -231,7 +233,7 @@ class HairModel(nn.Module):
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of visible points, one per level (paper, "Neural Hair Descriptor").
 
-        The colour of the points follows as the last three channels.
+        The colour of the points follows as the last three channels, in linear light.
 
         Raises:
             ValueError: strands without `root_uv`.
@@ -250,15 +252,15 @@ class HairModel(nn.Module):
             view, around = view @ turn.T, torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
         colour = self.shading(descriptor, view, around)
         pixels, _ = camera.project(visible.world)
-        descriptor = torch.cat([descriptor, colour], dim=1)
+        descriptor = torch.cat([descriptor, to_linear(colour)], dim=1)
         size = (camera.height, camera.width)
         return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
 
     def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
-        """Colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""
+        """Encoded colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""
         # Channels last from the start, which is fastest for convolutions.
         pyramid = [
-            torch.cat([level_map.features.permute(1, 2, 0), *self._pixel_channels(level_map, camera, level)], dim=2)
+            torch.cat([_encoded(level_map.features), *self._pixel_channels(level_map, camera, level)], dim=2)
             for level, level_map in enumerate(maps)
         ]
         device = self.root_uv.device.type
@@ -266,7 +268,7 @@ class HairModel(nn.Module):
         with torch.autocast(device, torch.bfloat16, enabled=half):
             raw = self.unet([values.permute(2, 0, 1)[None] for values in pyramid])
         shaded = filled_from_below([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
-        return raw[0].permute(1, 2, 0).float() + functional.pad(shaded.permute(1, 2, 0), (0, 1))
+        return raw[0].permute(1, 2, 0).float() + functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
 
     def _pixel_channels(
         self, level_map: SplatMap, camera: Camera, level: int
@@ -284,6 +286,12 @@ class HairModel(nn.Module):
         """How directions are turned before networks see them, for a camera far from all photographs."""
         turn = turn_to_seen(camera.position.cpu() - self.background.centre.cpu(), self.seen_from)
         return None if turn is None else turn.to(self.root_uv)
+
+
+def _encoded(features: Float[Tensor, "channel height width"]) -> Float[Tensor, "height width channel"]:
+    """Splatted maps as the network reads them: in encoded colours, dark hair has more of the range."""
+    descriptor, colour = features.permute(1, 2, 0).split([len(features) - 3, 3], dim=2)
+    return torch.cat([descriptor, to_srgb(colour)], dim=2)
 
 
 def filled_from_below(

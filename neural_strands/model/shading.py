@@ -72,7 +72,7 @@ class PointShading(nn.Module):
         view: Float[Tensor, "point 3"],
         around: Float[Tensor, "point channel"],
     ) -> Float[Tensor, "point 3"]:
-        """Colour of points.
+        """Colour of points, sRGB-encoded, so that equal changes are about equally visible in dark and fair hair.
 
         Args:
             descriptor: [z_a, d, t].

@@ -65,7 +65,7 @@ def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Te
         roots = strands.points[:, 0]
         _, index = nearest(roots[~known], roots[known], radius=1.0)
         colours[~known] = colours[known][index.clamp(min=0)]
-    return srgb_to_linear(colours)
+    return colours
 
 
 def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.srgb import to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
@@ -90,7 +91,8 @@ class PathTracer:
             self._mi.render(self._scene, sensor=sensor, spp=share, seed=seed * passes + index)
             for index in range(passes)
         ]
-        return to_srgb(without_fireflies(torch.stack([torch.from_numpy(np.array(part)) for part in rendered])))
+        light = without_fireflies(torch.stack([torch.from_numpy(np.array(part)) for part in rendered]))
+        return to_srgb(light.clamp(0.0, 1.0))
 
     def coverage(self, camera: Camera) -> Float[Tensor, "height width 2"]:
         """Share of each pixel in which the camera sees hair first, and in which it sees any part of the person."""
@@ -180,12 +182,6 @@ def without_fireflies(passes: Float[Tensor, "pass height width 3"]) -> Float[Ten
     around = torch.nn.functional.unfold(padded, 3).median(dim=1).values.reshape(brightness.shape[1:])
     limit = (OUTSHINE * around + 0.02) / brightness.clamp(min=1e-6)
     return (passes * limit.clamp(max=1.0)[..., None]).mean(dim=0)
-
-
-def to_srgb(linear: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Encode linear light for display (IEC 61966-2-1), clipped at white."""
-    clipped = linear.clamp(0.0, 1.0)
-    return torch.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped.clamp(min=1e-8) ** (1 / 2.4) - 0.055)
 
 
 def _write_hair(

@@ -40,7 +40,8 @@ def test_images_of_8_and_16_bits_with_and_without_alpha(tmp_path):
     capture = Capture.load(write_capture(tmp_path / "c", [frame(name) for name in images], images))
     torch.testing.assert_close(capture.image(0)[3, 4], torch.tensor([1.0, 0.2, 0.0]))
     torch.testing.assert_close(capture.image(1)[3, 4], torch.full((3,), 32768 / 65535))
-    torch.testing.assert_close(capture.image(2)[3, 4], torch.tensor([0.5, 0.0, 0.0]), atol=1e-4, rtol=0)
+    half_the_light = 1.055 * 0.5 ** (1 / 2.4) - 0.055
+    torch.testing.assert_close(capture.image(2)[3, 4], torch.tensor([half_the_light, 0.0, 0.0]), atol=1e-4, rtol=0)
     assert capture.person_mask(0) is None
     torch.testing.assert_close(capture.person_mask(2), torch.full((12, 16), 0.5), atol=1e-4, rtol=0)
     assert capture.hair_mask(0) is None

@@ -4,6 +4,7 @@ import pytest
 import torch
 from memory_views import in_memory
 
+from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.views import View, Views
@@ -65,7 +66,8 @@ def test_a_view_without_a_photograph_is_refused(camera):
 def test_reduced_views_average_areas_and_keep_what_their_rays_meet(view, generator):
     small = in_memory([view]).reduced(50)[0]
     assert (small.camera.width, small.camera.height) == (50, 40)
-    torch.testing.assert_close(small.image, view.image.reshape(40, 2, 50, 2, 3).mean(dim=(1, 3)), atol=1e-6, rtol=0)
+    light = to_linear(view.image).reshape(40, 2, 50, 2, 3).mean(dim=(1, 3))
+    torch.testing.assert_close(to_linear(small.image), light, atol=1e-6, rtol=0)
     for name in PARTS[1:]:
         mean = getattr(view, name).reshape(40, 2, 50, 2).mean(dim=(1, 3))
         torch.testing.assert_close(getattr(small, name), mean, atol=1e-6, rtol=0)

@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.compositing import START, SurroundConfig
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
     BACKGROUND_THROUGH,
@@ -155,7 +156,7 @@ def test_a_camera_that_looks_away_sees_the_background():
     away = Camera.look_at(torch.tensor([0.0, 0.5, 0.5]), torch.tensor([0.0, 1.0, 1.0]), 180.0, (32, 24))
     output = hair(away)
     assert output.coverage.sum() == 0
-    torch.testing.assert_close(output.behind_rgb, torch.full((24, 32, 3), 0.5))
+    torch.testing.assert_close(output.behind_rgb, torch.full((24, 32, 3), START))
 
 
 def test_strands_that_are_not_finite_are_not_drawn():
@@ -201,7 +202,7 @@ def test_folders_that_are_no_model_are_refused_in_one_sentence(tmp_path):
     (folder / "model.safetensors").write_bytes(whole)
     described = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps({**described, "format": 99}))
-    with pytest.raises(InputError, match="format: expected 5, found 99; use the version"):
+    with pytest.raises(InputError, match="format: expected 6, found 99; use the version"):
         load_hair_model(folder)
     described["model"]["surprise"] = 1
     (folder / "config.json").write_text(json.dumps(described))
@@ -216,7 +217,7 @@ def test_the_image_is_hair_over_body_over_background():
         hair.background.colour.fill_(0.2)
     output = hair.render(stubble(hair), view())
     expected = output.alpha[..., None] * output.hair_rgb + (1 - output.alpha[..., None]) * output.behind_rgb
-    torch.testing.assert_close(output.rgb, expected)
+    torch.testing.assert_close(to_linear(output.rgb), expected)
     assert output.behind_rgb.min().item() == pytest.approx(0.2, abs=1e-5)
     assert output.behind_rgb.max().item() == pytest.approx(0.8, abs=1e-5)
 
@@ -230,7 +231,7 @@ def test_the_background_learns_only_beside_the_hair():
     assert (bare * (alpha > BACKGROUND_THROUGH)).max() > 0
     beside = bare * (alpha <= BACKGROUND_THROUGH)
     learned = [hair.background.colour, hair.body.colour]
-    found = torch.autograd.grad(output.rgb.sum(), learned)
+    found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
     expected = torch.autograd.grad((hair.background(camera) * beside + body.colour * (1 - alpha)).sum(), learned)
     for one, other in zip(found, expected, strict=True):
         assert other.abs().sum() > 0

@@ -3,7 +3,6 @@
 import importlib.util
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
@@ -15,7 +14,7 @@ from neural_strands.scalp.mannequin import mannequin
 from neural_strands.synthesis import backend
 from neural_strands.synthesis.dome import DomeConfig
 from neural_strands.synthesis.groom import make_groom
-from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig, to_srgb, without_fireflies
+from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig, without_fireflies
 from neural_strands.synthesis.styles import MELANIN, STYLES
 from neural_strands.synthesis.synthesize import SynthesisConfig, check_fit, synthesize
 
@@ -124,9 +123,3 @@ def test_fireflies_are_cut_and_the_rest_is_kept():
     assert torch.allclose(calm[0], torch.full((9, 3), 0.2))
     # One pass of four may shine 2.5 times as bright as its surroundings, and 0.02: (3 * 0.2 + 0.52) / 4.
     assert torch.allclose(calm[4, 4], torch.full((3,), 0.28), atol=1e-6)
-
-
-def test_srgb_meets_its_definition():
-    linear = torch.tensor([[0.0, 0.0031308, 0.5], [0.18, 1.0, 3.0]])
-    expected = np.array([[0.0, 0.04045, 0.735357], [0.461356, 1.0, 1.0]])
-    assert np.allclose(to_srgb(linear).numpy(), expected, atol=1e-4)
