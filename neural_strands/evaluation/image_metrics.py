@@ -66,6 +66,29 @@ def ssim_map(
     return (luminance * contrast).mean(dim=-1)
 
 
+def sharpness(
+    image: Float[Tensor, "*batch height width channel"],
+    reference: Float[Tensor, "*batch height width channel"],
+    mask: Float[Tensor, "*batch height width"] | None = None,
+) -> Float[Tensor, "*batch"]:
+    """Strength of an image's fine detail as a share of its reference's: below 1 it is blurred, above 1 speckled.
+
+    Detail is what SSIM's window averages away, measured by its root mean square; a mask weights it as in `ssim`.
+
+    Raises:
+        ValueError: the image is smaller than the window.
+    """
+    margin = WINDOW // 2
+    inner = None if mask is None else mask[..., margin:-margin, margin:-margin]
+    if min(image.shape[-3:-1]) < WINDOW:
+        raise ValueError(f"sharpness needs images of at least {WINDOW} pixels per side, found {tuple(image.shape)}")
+    strength = [
+        masked_mean((each[..., margin:-margin, margin:-margin, :] - _blur(each)).square().mean(dim=-1), inner).sqrt()
+        for each in (image, reference)
+    ]
+    return strength[0] / strength[1]
+
+
 def masked_mean(
     values: Float[Tensor, "*batch height width"], mask: Float[Tensor, "*batch height width"] | None
 ) -> Float[Tensor, "*batch"]:

@@ -8,7 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from neural_strands.evaluation.image_metrics import psnr, ssim
+from neural_strands.evaluation.flip import flip
+from neural_strands.evaluation.image_metrics import psnr, sharpness, ssim
 from neural_strands.evaluation.lpips import Lpips
 from neural_strands.foundation.precision import exact_convolutions
 
@@ -53,12 +54,16 @@ class ImageQuality:
     Attributes:
         psnr: dB; infinite for equal images.
         ssim: mean structural similarity.
-        lpips: perceptual distance; None where its weights are absent.
+        lpips: perceptual distance, which the fit itself lowers; None where its weights are absent.
+        flip: difference that a person sees when the images alternate; no loss looks like it.
+        sharpness: strength of fine detail relative to the photograph's: below 1 blurred, above 1 speckled.
     """
 
     psnr: float
     ssim: float
     lpips: float | None
+    flip: float
+    sharpness: float
 
 
 @dataclass(frozen=True)
@@ -96,15 +101,17 @@ class Quality:
     def cells(self) -> tuple[str, ...]:
         """The figures as a row of a table under `HEADS`."""
         found = [
-            ("-", "-", "-") if part is None else (f"{part.psnr:.2f}", f"{part.ssim:.4f}", _four_digits(part.lpips))
+            ("-",) * len(MEASURES) if part is None else (f"{part.psnr:.2f}", *map(_four_digits, astuple(part)[1:]))
             for part in (self.hair, self.image)
         ]
         error, overlap = (None, None) if self.alpha is None else astuple(self.alpha)
         return (*found[0], *found[1], _four_digits(error), _four_digits(overlap))
 
 
+MEASURES = ("PSNR, dB", "SSIM", "LPIPS", "FLIP", "sharpness")
+"""Heads of the columns of one region."""
 HEADS = (
-    *(f"{region} {measure}" for region in ("hair", "image") for measure in ("PSNR, dB", "SSIM", "LPIPS")),
+    *(f"{region} {measure}" for region in ("hair", "image") for measure in MEASURES),
     "alpha error",
     "outline IoU",
 )
@@ -172,7 +179,8 @@ def image_quality(
     with exact_convolutions():
         distance = None if metric is None else float(metric(rendered, photograph, weight))
     quality = (float(psnr(rendered, photograph, weight)), float(ssim(rendered, photograph, weight)))
-    return ImageQuality(*quality, distance)
+    detail = float(sharpness(rendered, photograph, weight))
+    return ImageQuality(*quality, distance, flip(rendered, photograph, weight), detail)
 
 
 def alpha_quality(alpha: Float[Tensor, "height width"], mask: Float[Tensor, "height width"]) -> AlphaQuality:

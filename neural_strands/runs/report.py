@@ -24,7 +24,7 @@ PAPER_ROWS = {
     "paper, long: strands": ((32.59, 14.62, 20.19), (71.40, 42.06, 52.94), (71.40, 62.91, 66.89)),
 }
 """Precision, recall and F at (1 mm, 10°), (2 mm, 20°), (3 mm, 30°): the paper's table 1, on its own grooms."""
-PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811", "", "", "", "", "")
+PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811", *("" for _ in HEADS[3:]))
 PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
 MOST_VIEWS = 4
 TURN_FRAMES, STILL_EVERY = 24, 3

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from neural_strands.evaluation.image_metrics import psnr, ssim
+from neural_strands.evaluation.image_metrics import psnr, sharpness, ssim
 from neural_strands.evaluation.structural_loss import structural_loss
 
 
@@ -92,3 +92,26 @@ def test_structural_loss_agrees_with_finite_differences(generator):
     with torch.no_grad():
         change = structural_loss(a + step, b) - structural_loss(a - step, b)
     assert change.item() == pytest.approx(2 * (a.grad * step).sum().item(), rel=1e-4)
+
+
+def test_sharpness_is_the_share_of_detail_that_is_left(generator):
+    _, reference = images(generator)
+    smooth = torch.from_numpy(gaussian_filter(reference.numpy(), (1.0, 1.0, 0)))
+    assert sharpness(reference, reference).item() == pytest.approx(1.0)
+    assert sharpness(0.3 + 0.25 * reference, reference).item() == pytest.approx(0.25)
+    detail = [x - gaussian_filter(x, (1.5, 1.5, 0), truncate=5 / 1.5) for x in (smooth.numpy(), reference.numpy())]
+    fine, full = (np.sqrt((each[5:-5, 5:-5] ** 2).mean()) for each in detail)
+    assert sharpness(smooth, reference).item() == pytest.approx(fine / full, rel=1e-6)
+    assert fine / full < 0.5
+
+
+def test_sharpness_within_a_mask(generator):
+    _, reference = images(generator)
+    flat = reference.clone()
+    flat[:, :16] = 0.5
+    left = torch.zeros(24, 31, dtype=torch.float64)
+    left[:, :10] = 1.0
+    assert sharpness(flat, reference, left).item() < 0.2
+    assert sharpness(flat, reference, left.flip(1)).item() == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="11 pixels"):
+        sharpness(flat[:10], reference[:10])

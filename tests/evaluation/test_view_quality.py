@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from neural_strands.evaluation.image_metrics import psnr, ssim
+from neural_strands.evaluation.flip import flip
+from neural_strands.evaluation.image_metrics import psnr, sharpness, ssim
 from neural_strands.evaluation.lpips import Lpips
 from neural_strands.evaluation.lpips_trunks import LAYOUTS, build_trunk
 from neural_strands.evaluation.view_quality import (
@@ -40,6 +41,8 @@ def test_each_view_is_judged_in_its_hair_region_and_as_a_whole(generator):
     assert hair.lpips is image.lpips is None
     assert hair.psnr == float(psnr(view.rendered, view.photograph, view.mask))
     assert hair.ssim == float(ssim(view.rendered, view.photograph, view.mask))
+    assert hair.flip == flip(view.rendered, view.photograph, view.mask)
+    assert hair.sharpness == float(sharpness(view.rendered, view.photograph, view.mask))
     assert image.psnr == float(psnr(view.rendered, view.photograph))
     assert image.ssim == float(ssim(view.rendered, view.photograph))
     outside = torch.where(view.mask[..., None] > 0, view.photograph, 0.0)
@@ -92,18 +95,19 @@ def test_alpha_is_held_against_the_mask(generator):
 
 def test_means_are_over_the_views_that_have_a_figure(generator):
     view = rendered_view(generator)
-    one = Quality(ImageQuality(10.0, 0.2, 0.5), ImageQuality(20.0, 0.4, None), AlphaQuality(0.1, 0.8))
-    other = Quality(None, ImageQuality(30.0, 0.6, None), AlphaQuality(0.3, 0.4))
+    whole = ImageQuality(20.0, 0.4, None, 0.1, 0.5)
+    one = Quality(ImageQuality(10.0, 0.2, 0.5, 0.3, 0.9), whole, AlphaQuality(0.1, 0.8))
+    other = Quality(None, ImageQuality(30.0, 0.6, None, 0.3, 1.5), AlphaQuality(0.3, 0.4))
     mean = mean_quality([ViewQuality(view, one), ViewQuality(view, other)])
     assert mean.hair == one.hair
-    assert mean.image == ImageQuality(25.0, 0.5, None)
+    assert mean.image == ImageQuality(25.0, 0.5, None, 0.2, 1.0)
     assert mean.alpha is not None
     assert mean.alpha.mean_absolute_error == pytest.approx(0.2)
     assert mean.alpha.outline_iou == pytest.approx(0.6)
     assert len(mean.cells()) == len(HEADS)
-    assert other.cells() == ("-", "-", "-", "30.00", "0.6000", "-", "0.3000", "0.4000")
+    assert other.cells() == (*"-----", "30.00", "0.6000", "-", "0.3000", "1.5000", "0.3000", "0.4000")
     assert other.as_dict()["hair"] is None
-    assert one.as_dict()["hair"] == {"psnr": 10.0, "ssim": 0.2, "lpips": 0.5}
+    assert one.as_dict()["hair"] == {"psnr": 10.0, "ssim": 0.2, "lpips": 0.5, "flip": 0.3, "sharpness": 0.9}
 
 
 def test_equal_images_have_an_infinite_psnr(generator):
