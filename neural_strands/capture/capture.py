@@ -119,12 +119,16 @@ class Capture:
     def person_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
         """Coverage of the person in [0, 1], undistorted, on `device`: the mask file, or the image's alpha, or None.
 
+        An alpha channel that is opaque everywhere is not a mask of the person.
+
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
         view = self.files[index]
         stored = self._stored(view, "alpha" if view.person_mask_path is None else "person")
-        return unit_tensor(stored, device) if stored.size else None
+        if not stored.size or (view.person_mask_path is None and stored.min() == np.iinfo(stored.dtype).max):
+            return None
+        return unit_tensor(stored, device)
 
     def views_on(self, device: torch.device | str = "cpu") -> Views:
         """The photographs with cameras and masks, each read, on `device`, when it is asked for."""

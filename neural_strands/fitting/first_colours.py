@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from neural_strands.fitting.surround_weights import surround_weights
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
@@ -94,7 +95,8 @@ def filled(
 def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
     """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of its neighbours.
 
-    The body is also sampled between hair, in its shadow; the background only where there is almost no hair.
+    Where a mask shows the person, it says which pixels show body and background. Elsewhere the body is also sampled
+    between hair, in its shadow, and the background only where there is almost no hair.
     """
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
@@ -102,7 +104,11 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
         hair, light = _hair(model, strands, target), to_linear(target.image)
         body = model.body(target.camera)
         shown = (body.colour, model.background(target.camera))
-        shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
+        teaches = surround_weights(target, hair)
+        if teaches is None:
+            shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
+        else:
+            shares = (teaches.body, teaches.background)
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
                 total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]

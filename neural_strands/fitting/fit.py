@@ -22,6 +22,7 @@ from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
 from neural_strands.fitting.regions import inner_part
 from neural_strands.fitting.schedule import appearance_begins, blur_width, rate_factor, released_points
 from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.fitting.surround_weights import surround_weights
 from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
@@ -187,7 +188,8 @@ def _image_part(
         if shape_moves and weights.shape_from_image > 0:
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
-        output = model.render(strands, target.camera, config.schedule.appearance_blur)
+        blur, teaches = config.schedule.appearance_blur, surround_weights(target)
+        output = model.render(strands, target.camera, blur, teaches=teaches)
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)

@@ -51,6 +51,19 @@ class BodyImage:
     depth: Float[Tensor, "height width"]
 
 
+@dataclass(frozen=True)
+class SurroundWeights:
+    """How much each pixel of a photograph teaches what lies behind the hair, in [0, 1].
+
+    Attributes:
+        body: the colours of the body.
+        background: the colours of the background.
+    """
+
+    body: Float[Tensor, "height width"]
+    background: Float[Tensor, "height width"]
+
+
 class Body(nn.Module):
     """A mesh with learned colours; a mesh without faces covers nothing."""
 
@@ -141,6 +154,13 @@ def compose(
 ) -> Float[Tensor, "height width 3"]:
     """Hair over what lies behind it, in linear light: I = a C + (1 - a) B."""
     return torch.lerp(behind, hair, alpha[..., None])
+
+
+def weighted_gradient(
+    image: Float[Tensor, "height width channel"], weight: Float[Tensor, "height width"]
+) -> Float[Tensor, "height width channel"]:
+    """The same image; the gradient of each pixel is multiplied by its weight."""
+    return image.detach() + weight[..., None] * (image - image.detach())
 
 
 def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: int) -> Float[Tensor, "h w channel"]:

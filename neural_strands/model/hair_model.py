@@ -19,7 +19,15 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import Background, Body, SurroundConfig, area_mean, compose
+from neural_strands.model.compositing import (
+    Background,
+    Body,
+    SurroundConfig,
+    SurroundWeights,
+    area_mean,
+    compose,
+    weighted_gradient,
+)
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
 from neural_strands.model.seen_directions import turn_to_seen
@@ -33,7 +41,7 @@ from neural_strands.raster.visible import interpolate_knots, visible_directions,
 from neural_strands.scalp.roots import Roots
 
 BACKGROUND_THROUGH = 0.1
-"""Opacity of hair below which the background still learns from images.
+"""Opacity of hair below which the background still learns from images that have no mask of the person.
 
 Most of what shines through hair is hair, and the background behind it differs between views: other views would show
 that hair's colour beside their own hair. Scalp and face belong to the hair in front of them, and keep its shadow."""
@@ -192,7 +200,12 @@ class HairModel(nn.Module):
         return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.lines, strands.t))
 
     def render(
-        self, strands: Strands, camera: Camera, blur: float = 0.0, volume: HairVolume | None = None
+        self,
+        strands: Strands,
+        camera: Camera,
+        blur: float = 0.0,
+        volume: HairVolume | None = None,
+        teaches: SurroundWeights | None = None,
     ) -> RenderOutput:
         """Render strands from one view.
 
@@ -201,6 +214,8 @@ class HairModel(nn.Module):
             camera: the view, of any size.
             blur: standard deviation, in texels, of the blur of the gradient into Z_a.
             volume: `hair_volume` of the strands, if they are rendered more than once.
+            teaches: which pixels pass gradients on to body and background; by default all pixels do to the body, and
+                those with almost no hair to the background.
 
         Raises:
             ValueError: strands without `root_uv`.
@@ -215,10 +230,14 @@ class HairModel(nn.Module):
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
         alpha = torch.sigmoid(raw[..., 3] + start)
         share = area_mean(body.coverage[..., None], factor)
-        # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
-        background = self.background(camera)
-        background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
-        behind = area_mean(body.colour, factor) + (1 - share) * background
+        skin, background = area_mean(body.colour, factor), self.background(camera)
+        if teaches is None:
+            # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
+            background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
+        else:
+            skin = weighted_gradient(skin, teaches.body)
+            background = weighted_gradient(background, teaches.background)
+        behind = skin + (1 - share) * background
         hair = to_linear(raw[..., :3])
         rgb = to_srgb(compose(hair, alpha, behind))
         return RenderOutput(rgb, alpha, hair, behind, coverage, drawing.lines)

@@ -195,7 +195,7 @@ def fingerprint(capture: Capture, head: Head) -> str:
         digest.update(f"{camera.name} {camera.width} {camera.height}".encode())
         digest.update(camera.intrinsics.double().numpy().tobytes())
         digest.update(camera.world_to_camera.double().numpy().tobytes())
-        for path in (view.image_path, view.hair_mask_path):
+        for path in (view.image_path, view.hair_mask_path, view.person_mask_path):
             if path is not None and path.is_file():
                 with path.open("rb") as file:
                     digest.update(hashlib.file_digest(file, "sha256").digest())

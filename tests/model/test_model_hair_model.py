@@ -12,7 +12,7 @@ from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import START, SurroundConfig
+from neural_strands.model.compositing import START, SurroundConfig, SurroundWeights
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
     BACKGROUND_THROUGH,
@@ -233,6 +233,22 @@ def test_the_background_learns_only_beside_the_hair():
     learned = [hair.background.colour, hair.body.colour]
     found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
     expected = torch.autograd.grad((hair.background(camera) * beside + body.colour * (1 - alpha)).sum(), learned)
+    for one, other in zip(found, expected, strict=True):
+        assert other.abs().sum() > 0
+        torch.testing.assert_close(one, other)
+
+
+def test_body_and_background_learn_where_they_are_told_to(generator):
+    hair, camera = model(supersample=1), view((96, 80))
+    teaches = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
+    plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, teaches=teaches)
+    assert torch.equal(output.rgb, plain.rgb)
+    alpha, body = output.alpha.detach()[..., None], hair.body(camera)
+    bare = (1 - body.coverage[..., None]) * teaches.background[..., None]
+    shown = hair.background(camera) * bare + body.colour * teaches.body[..., None]
+    learned = [hair.background.colour, hair.body.colour]
+    found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
+    expected = torch.autograd.grad((shown * (1 - alpha)).sum(), learned)
     for one, other in zip(found, expected, strict=True):
         assert other.abs().sum() > 0
         torch.testing.assert_close(one, other)
