@@ -74,6 +74,8 @@ class Arguments:
     """Weight of LPIPS."""
     perceptual_from: float = 0.5
     """Share of the steps after which LPIPS counts."""
+    blur_until: float = 1.0
+    """Share of the steps after which the appearance texture's gradient is no longer blurred."""
     seed: int = 0
     """Of first weights, views and regions."""
     report_every: int = 250
@@ -95,7 +97,12 @@ class Arguments:
             shape_every=0,
             seed=self.seed,
             weights=FitWeights(perceptual=self.perceptual),
-            schedule=ScheduleConfig(geometry_only=0.0, perceptual_from=self.perceptual_from, final_rate=0.02),
+            schedule=ScheduleConfig(
+                geometry_only=0.0,
+                appearance_blur_until=self.blur_until,
+                perceptual_from=self.perceptual_from,
+                final_rate=0.02,
+            ),
             model=model,
         )
 

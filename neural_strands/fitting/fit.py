@@ -20,7 +20,13 @@ from neural_strands.fitting.fit_data import FitData, random_region
 from neural_strands.fitting.geometry_step import hold_unreleased, shape_losses
 from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
 from neural_strands.fitting.regions import inner_part
-from neural_strands.fitting.schedule import appearance_begins, blur_width, rate_factor, released_points
+from neural_strands.fitting.schedule import (
+    appearance_begins,
+    appearance_blur_width,
+    blur_width,
+    rate_factor,
+    released_points,
+)
 from neural_strands.fitting.strand_width import estimate_width
 from neural_strands.fitting.surround_weights import surround_weights
 from neural_strands.foundation.interrupts import deferred_interrupt
@@ -188,7 +194,8 @@ def _image_part(
         if shape_moves and weights.shape_from_image > 0:
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
-        blur, teaches = config.schedule.appearance_blur, surround_weights(target)
+        blur = appearance_blur_width(state.step, config.steps, config.schedule)
+        teaches = surround_weights(target)
         output = model.render(strands, target.camera, blur, teaches=teaches)
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of

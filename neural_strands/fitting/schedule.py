@@ -23,8 +23,10 @@ class ScheduleConfig:
     geometry_only: Annotated[float, Between(0, 1)] = 0.3
     """Fraction of the steps during which rendering and alpha losses have no weight (the paper: 1,000 steps)."""
     appearance_blur: Annotated[float, Between(0, 256)] = 3.0
-    """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture: strands that few views see
-    learn from their neighbours."""
+    """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture when images begin: strands
+    that few views see learn from their neighbours."""
+    appearance_blur_until: Annotated[float, Between(0, 1)] = 1.0
+    """Fraction of the steps after which that gradient is no longer blurred, and strands learn what is their own."""
     perceptual_from: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which the perceptual loss counts; earlier it is expensive and has little effect."""
     warmup: Annotated[int, Between(0, 10_000_000)] = 50
@@ -34,11 +36,14 @@ class ScheduleConfig:
 
 
 def blur_width(step: int, steps: int, config: ScheduleConfig) -> float:
-    """Coarse to fine: deviation in texels of the gradient blur, falling geometrically to 1 texel and then to 0."""
-    end = config.blur_until * steps
-    if step >= end or config.widest_blur <= 0:
-        return 0.0
-    return config.widest_blur ** (1 - step / end) if config.widest_blur > 1 else config.widest_blur
+    """Coarse to fine: deviation in texels of the blur of the shape texture's gradient."""
+    return _falling(config.widest_blur, step, 0, config.blur_until * steps)
+
+
+def appearance_blur_width(step: int, steps: int, config: ScheduleConfig) -> float:
+    """Coarse to fine: deviation in texels of the blur of the appearance texture's gradient."""
+    begin = appearance_begins(steps, config)
+    return _falling(config.appearance_blur, step, begin, config.appearance_blur_until * steps)
 
 
 def released_points(step: int, steps: int, points: int, config: ScheduleConfig) -> int:
@@ -59,3 +64,10 @@ def rate_factor(step: int, steps: int, config: ScheduleConfig) -> float:
     rise = min(1.0, (step + 1) / max(config.warmup, 1))
     fall = 0.5 * (1 + math.cos(math.pi * min(step / max(steps, 1), 1.0)))
     return rise * (config.final_rate + (1 - config.final_rate) * fall)
+
+
+def _falling(widest: float, step: int, begin: int, end: float) -> float:
+    """From the widest at `begin`, geometrically, to 1 texel at `end`, and then 0."""
+    if step >= end or widest <= 0:
+        return 0.0
+    return widest ** ((end - step) / (end - begin)) if widest > 1 else widest

@@ -25,7 +25,7 @@ from neural_strands.model.files import save_hair_model
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.thickness import strand_widths
-from neural_strands.pictures.encoding import srgb_to_linear, write_png
+from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.run_folder import RunFolder
 
 

@@ -170,12 +170,18 @@ GARBAGE = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(GARBAGE))
-def test_garbage_in_a_checkpoint_is_one_sentence(scene, tmp_path, name):
+@pytest.fixture(scope="module")
+def begun(scene):
+    """A fit after its first step."""
     config = tiny_config()
     state, data = begin_tiny(scene, config)
     run(state, data, config, until=1)
-    path = tmp_path / "checkpoint.pt"
+    return state
+
+
+@pytest.mark.parametrize("name", sorted(GARBAGE))
+def test_garbage_in_a_checkpoint_is_one_sentence(begun, tmp_path, name):
+    state, path = begun, tmp_path / "checkpoint.pt"
     save_checkpoint(state, path)
     content = torch.load(path, weights_only=True)
     GARBAGE[name](content)

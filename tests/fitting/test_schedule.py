@@ -5,6 +5,7 @@ from itertools import pairwise
 from neural_strands.fitting.schedule import (
     ScheduleConfig,
     appearance_begins,
+    appearance_blur_width,
     blur_width,
     rate_factor,
     released_points,
@@ -20,6 +21,17 @@ def test_blur_falls_from_the_widest_to_one_texel_and_then_to_none():
     assert 1.0 < widths[499] < 1.01
     assert widths[500:] == [0.0] * 500
     assert blur_width(3, 1000, ScheduleConfig(widest_blur=0.0)) == 0.0
+
+
+def test_the_blur_of_appearance_falls_from_where_images_begin():
+    config = ScheduleConfig(appearance_blur=4.0, geometry_only=0.1, appearance_blur_until=0.9)
+    widths = [appearance_blur_width(step, 1000, config) for step in range(100, 1000)]
+    assert widths[0] == 4.0
+    assert widths[400] == 2.0
+    assert all(a >= b for a, b in pairwise(widths))
+    assert 1.0 < widths[799] < 1.01
+    assert widths[800:] == [0.0] * 100
+    assert appearance_blur_width(500, 1000, ScheduleConfig(appearance_blur=0.0)) == 0.0
 
 
 def test_strands_are_released_from_root_to_tip():
