@@ -5,7 +5,6 @@ python examples/03_render_turntable.py RUN PICTURES --frames 36
 
 from pathlib import Path
 
-import torch
 import tyro
 
 import neural_strands as ns
@@ -25,7 +24,7 @@ def main(run: Path, out: Path, /, frames: int = 36, size: int = 512, device: str
     renderer = ns.HairRenderer.of(ns.load_model(run, device))
     for camera in ns.turntable_cameras(renderer.strands.points, frames, (size, size)):
         view = renderer.render(camera)
-        write_png(out / f"{camera.name}.png", to_bytes(torch.cat([view.hair_rgb, view.alpha[..., None]], dim=-1)))
+        write_png(out / f"{camera.name}.png", to_bytes(view.cutout))
     print(f"{out}: {frames} pictures")
 
 

@@ -110,6 +110,11 @@ class RenderOutput:
     coverage: Float[Tensor, "height width"]
     lines: LineBuffer
 
+    @property
+    def cutout(self) -> Float[Tensor, "height width 4"]:
+        """The hair alone, as a picture with opacity: sRGB-encoded colour, and alpha."""
+        return torch.cat([to_srgb(self.hair_rgb), self.alpha[..., None]], dim=-1)
+
 
 class HairModel(nn.Module):
     """Fitted hair of one head.

@@ -10,7 +10,6 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.pictures.encoding import srgb_to_linear
 from neural_strands.raster.visible import visible_points
 
 VIEWS = 6
@@ -50,8 +49,6 @@ def _view_colours(renderer: HairRenderer, camera: Camera) -> Float[Tensor, "stra
     """Mean colour of the pixels that show each strand in one view; NaN where none does."""
     strands, output = renderer.strands, renderer.render(camera)
     visible = visible_points(output.lines, strands.points, renderer.model.config.supersample, strands.t)
-    linear = srgb_to_linear(output.hair_rgb.clamp(0, 1)).reshape(-1, 3)
-    total = linear.new_zeros(len(strands), 3).index_add_(
-        0, visible.strand, linear[visible.pixel] * visible.weight[:, None]
-    )
+    light = output.hair_rgb.clamp(0, 1).reshape(-1, 3)[visible.pixel] * visible.weight[:, None]
+    total = light.new_zeros(len(strands), 3).index_add_(0, visible.strand, light)
     return total / total.new_zeros(len(strands)).index_add_(0, visible.strand, visible.weight)[:, None]

@@ -48,11 +48,6 @@ def to_bytes(image: Float[Tensor, "*size"]) -> UInt8[np.ndarray, "*size"]:
     return image.detach().clamp(0, 1).mul(255).add(0.5).to(torch.uint8).cpu().numpy()
 
 
-def srgb_to_linear(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Undo the sRGB transfer curve (IEC 61966-2-1)."""
-    return torch.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055).clamp(min=0) ** 2.4)
-
-
 def _encode(suffix: str, picture: Picture, settings: list[int]) -> bytes:
     samples = to_bytes(picture) if isinstance(picture, Tensor) else picture
     if samples.ndim == 3 and samples.shape[2] >= 3:

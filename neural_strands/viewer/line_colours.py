@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from neural_strands.foundation.srgb import to_srgb
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
 from neural_strands.pictures.encoding import to_bytes
@@ -61,7 +62,7 @@ def _colours(strands: Strands, drawn: Float[Tensor, "s p 3"], colouring: Colouri
         return _root_colours(strands)[:, None].expand_as(drawn)
     if strands.color is None:
         return drawn.new_tensor(PLAIN).expand_as(drawn)
-    return linear_to_srgb(strands.color)[:, None].expand_as(drawn)
+    return to_srgb(strands.color)[:, None].expand_as(drawn)
 
 
 def _root_colours(strands: Strands) -> Float[Tensor, "s 3"]:
@@ -70,9 +71,3 @@ def _root_colours(strands: Strands) -> Float[Tensor, "s 3"]:
     low, high = roots.amin(dim=0), roots.amax(dim=0)
     place = (roots - low) / (high - low).clamp(min=1e-9)
     return torch.cat([place[:, :2], 1 - place[:, :1]], dim=1)
-
-
-def linear_to_srgb(colour: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """The sRGB transfer curve (IEC 61966-2-1)."""
-    low, high = 12.92 * colour, 1.055 * colour.clamp(min=1e-9) ** (1 / 2.4) - 0.055
-    return torch.where(colour <= 0.0031308, low, high)

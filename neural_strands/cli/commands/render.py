@@ -129,14 +129,9 @@ class Render:
 
     def _frame(self, output: "RenderOutput") -> "np.ndarray":
         """One frame as 8-bit RGB, with opacity where `alpha` asks for it."""
-        import torch
-
-        from neural_strands.foundation.srgb import to_srgb
         from neural_strands.pictures.encoding import to_bytes
 
-        if not self.alpha:
-            return to_bytes(output.rgb)
-        return to_bytes(torch.cat([to_srgb(output.hair_rgb), output.alpha[..., None]], dim=-1))
+        return to_bytes(output.cutout if self.alpha else output.rgb)
 
     @contextmanager
     def _writer(self, first: "Camera", fps: float) -> "Iterator[Callable[[str, np.ndarray], None]]":
