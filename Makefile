@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types imports pytest fast clean
+.PHONY: demo test lint types imports docs pytest fast clean
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[synthesis,photos,view,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[synthesis,photos,view,docs,dev]'
 	touch $@
 
 demo: $(VENV)/.installed
@@ -24,6 +24,10 @@ types: $(VENV)/.installed
 imports: $(VENV)/.installed
 	$(BIN)/lint-imports
 
+# The documentation as a site in `site/`; a link that leads nowhere is an error.
+docs: $(VENV)/.installed
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 pytest: $(VENV)/.installed
 	$(BIN)/python -m pytest -n logical --dist worksteal
 
@@ -31,7 +35,7 @@ pytest: $(VENV)/.installed
 fast: $(VENV)/.installed
 	$(BIN)/python -m pytest -n logical --dist worksteal -m 'not slow'
 
-test: lint types imports pytest
+test: lint types imports docs pytest
 
 clean:
-	rm -rf demo_out .pytest_cache .ruff_cache
+	rm -rf demo_out site .pytest_cache .ruff_cache
