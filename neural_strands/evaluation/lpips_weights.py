@@ -6,10 +6,8 @@ names of torchvision's weights carry its first eight digits).
 
 import hashlib
 import os
-import pickle
 import urllib.error
 import urllib.request
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,11 +17,15 @@ from torch import Tensor
 from neural_strands.evaluation.lpips_trunks import LAYOUTS, Network, build_trunk
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.tensor_files import read_tensors
 
 FOLDER_VARIABLE = "NEURAL_STRANDS_WEIGHTS"
 """Environment variable that names a folder of weights."""
+ADVICE = "replace it with the published file"
 TIMEOUT = 20.0
 """Seconds without an answer after which an address counts as unreachable."""
+LARGEST_DOWNLOAD = 2**30
+"""Bytes that are fetched at most, more than the largest of these files has."""
 HEADS_ADDRESS = (
     "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
     "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1"
@@ -100,7 +102,7 @@ def find_file(file: WeightFile, fetch: bool = True) -> Path:
     target = cache_folder() / file.names[0]
     try:
         with urllib.request.urlopen(file.address, timeout=TIMEOUT) as answer:
-            content = answer.read()
+            content = answer.read(LARGEST_DOWNLOAD)
     except (urllib.error.URLError, OSError, ValueError) as error:
         raise InputError(
             f"{file.names[0]}: not found, and {file.address} cannot be reached ({error}); {remedy}."
@@ -135,14 +137,10 @@ def load_heads(network: Network, path: Path) -> list[Tensor]:
 
 
 def _load(path: Path) -> dict[str, Tensor]:
-    try:
-        stored = torch.load(path, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: expected a file of tensors, but it does not read as one ({type(error).__name__})."
-        ) from error
+    # The published heads are in torch's older format.
+    stored = read_tensors(path, "weights of LPIPS", ADVICE, with_older_format=True)
     if not isinstance(stored, dict) or not all(isinstance(value, Tensor) for value in stored.values()):
-        raise InputError(f"{path}: expected a dictionary of tensors, found {type(stored).__name__}.")
+        raise InputError(f"{path}: expected a dictionary of tensors, found {type(stored).__name__}; {ADVICE}.")
     return stored
 
 

@@ -12,21 +12,23 @@ from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.foundation.input_files import check_file
 
 
-def read_tensors(path: Path, what: str, advice: str) -> Any:
+def read_tensors(path: Path, what: str, advice: str, with_older_format: bool = False) -> Any:
     """Read what `torch.save` wrote, onto the CPU; nothing but tensors and plain values is unpickled.
 
     Args:
         path: the file.
         what: what it should hold, for the message: "this fit's checkpoint".
         advice: what to do where it holds something else.
+        with_older_format: whether torch's older format, which is no archive, is read too. It trusts the sizes that a
+            file claims.
 
     Raises:
         InputError: the file cannot be read, or holds something else.
     """
     check_file(path, what)
     try:
-        # torch's older format, not an archive, trusts the sizes that a file claims. Damage can make the question fail.
-        whole = zipfile.is_zipfile(path)
+        # Damage can make the question fail.
+        whole = with_older_format or zipfile.is_zipfile(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             content = torch.load(path, map_location="cpu", weights_only=True) if whole else None

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
+from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.views import Views
 from neural_strands.lmvs.features import Features, view_features
 from neural_strands.lmvs.orientation import OrientationConfig
@@ -21,6 +24,18 @@ LEAST_CONFIDENCE = 0.02
 """A view whose hair has a lower mean confidence of orientation is left out."""
 LEAST_HAIR = 64
 """A view with fewer pixels of hair is left out."""
+FEATURES = (
+    ArraySpec("texture", "height width 4", finite=False),
+    ArraySpec("hair", "height width", kinds="b"),
+    ArraySpec("silhouette", "height width", kinds="b"),
+)
+LINES = (
+    ArraySpec("pixel", "point 2", np.int64, kinds="i"),
+    ArraySpec("depth", "point", np.float32, finite=False),
+    ArraySpec("direction", "point 3", np.float32, finite=False),
+    ArraySpec("cost", "point", np.float32, finite=False),
+)
+"""Arrays of the files, as `Features` and `LineMap` name them."""
 
 
 class ViewCache:
@@ -35,7 +50,7 @@ class ViewCache:
     def keep_only(self, digest: str) -> None:
         """Keep what the folder holds if it was made from the same inputs; otherwise remove it, and say so."""
         path = self.folder / "inputs.txt"
-        if path.is_file() and path.read_text() == digest:
+        if path.is_file() and path.read_bytes() == digest.encode():
             return
         stale = [*self.folder.glob("features_*.npz"), *self.folder.glob("lines_*.npz")]
         if stale:
@@ -62,11 +77,14 @@ class ViewCache:
         if index not in self._features:
             path = self._path(index, "features")
             if path.is_file():
-                with np.load(path) as stored:
-                    arrays = {name: torch.from_numpy(stored[name]).to(self._device(index)) for name in stored.files}
-                features = Features(
-                    self.views.cameras[index], arrays["texture"].float(), arrays["hair"], arrays["silhouette"]
-                )
+                arrays = self._read(index, path, FEATURES)
+                camera, texture = self.views.cameras[index], arrays["texture"].float()
+                if texture.shape[:2] != (camera.height, camera.width):
+                    raise InputError(
+                        f"{path}: expected features of {camera.width} x {camera.height} pixels, found "
+                        f"{texture.shape[1]} x {texture.shape[0]}; remove the file, so that the view is computed again."
+                    )
+                features = Features(camera, texture, arrays["hair"], arrays["silhouette"])
             else:
                 mask = self.views.hair_mask(index)
                 features, _ = view_features(self.views.cameras[index], self.views.image(index), mask, self.config)
@@ -96,14 +114,16 @@ class ViewCache:
     def lines(self, index: int) -> LineMap:
         """A view's lines, from memory or disk."""
         if index not in self._lines:
-            with np.load(self._path(index, "lines")) as stored:
-                self._lines[index] = LineMap(
-                    **{name: torch.from_numpy(stored[name]).to(self._device(index)) for name in LineMap.__annotations__}
-                )
+            self._lines[index] = LineMap(**self._read(index, self._path(index, "lines"), LINES))
         self._lines.move_to_end(index)
         while len(self._lines) > KEPT:
             self._lines.popitem(last=False)
         return self._lines[index]
+
+    def _read(self, index: int, path: Path, specs: tuple[ArraySpec, ...]) -> dict[str, Tensor]:
+        """The arrays of a view's file, on the view's device."""
+        arrays = read_npz(path, "results of a view", specs, "remove the file, so that the view is computed again")
+        return {name: torch.from_numpy(array).to(self._device(index)) for name, array in arrays.items()}
 
     def _device(self, index: int) -> torch.device:
         """Device on which a view is processed."""

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.input_files import read_bytes
 from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.scalp.mesh_file import MeshFile
@@ -101,12 +102,13 @@ def _painted(path: Path, raw: bytes, source: MeshFile) -> Int64[Tensor, " scalp"
 
     if source.mesh.corner_uv is None:
         raise InputError(f"{path}: expected a mesh with texture coordinates to apply this mask, found none.")
+    image_size(path)
     try:
-        image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_GRAYSCALE) if raw else None
+        image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:
         image = None
     if image is None:
-        raise InputError(f"{path}: expected a JSON file or an image, found neither.")
+        raise InputError(f"{path}: expected an image that can be decoded, found a damaged one; export it again.")
     centre = source.mesh.corner_uv.mean(dim=1)
     height, width = image.shape
     column = (centre[:, 0] * width).floor().long()

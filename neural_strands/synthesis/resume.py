@@ -11,6 +11,7 @@ from typing import Any
 from neural_strands.capture.writer import HAIR_MASKS, IMAGES, PERSON_MASKS, view_files
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import write_json
+from neural_strands.foundation.json_files import read_json
 from neural_strands.geometry.cameras import Camera
 
 SETTINGS = "synthesis.json"
@@ -35,10 +36,8 @@ def claim_folder(folder: Path, settings: dict[str, Any], overwrite: bool = False
             )
         write_json(record, settings)
         return
-    try:
-        earlier = json.loads(record.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{record}: expected the settings of an earlier run, but {error}; remove it.") from error
+    members = read_json(record, "the settings of an earlier run", "remove the folder, or name another one").members()
+    earlier = {name: member.value for name, member in members.items()}
     changed = differences(earlier, settings)
     if changed and overwrite:
         _clear(folder)

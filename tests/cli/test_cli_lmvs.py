@@ -54,6 +54,22 @@ def test_segments_pictures_and_a_restart_that_computes_no_view_again(ball, tmp_p
     assert len([name for name, stamp in stamps(out).items() if before[name] != stamp]) == 1
 
 
+def test_a_damaged_result_of_a_view_is_one_sentence_that_names_it(ball, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["lmvs", str(ball), str(out), "--views", *map(str, range(0, 16, 3))]) == 0
+    capsys.readouterr()
+    for kind in ("features", "lines"):
+        path = next((out / "work").glob(f"{kind}_0001_*.npz"))
+        kept = path.read_bytes()
+        path.write_bytes(kept[: len(kept) // 2])
+        assert main(["lmvs", str(ball), str(out), "--views", *map(str, range(0, 16, 3))]) == 2
+        told = capsys.readouterr().err.splitlines()
+        assert path.name in told[-1]
+        assert told[-1].endswith("remove the file, so that the view is computed again.")
+        path.unlink()
+    assert main(["lmvs", str(ball), str(out), "--views", *map(str, range(0, 16, 3))]) == 0
+
+
 def test_another_seed_or_photograph_starts_anew_and_says_so(ball, tmp_path, caplog):
     out = tmp_path / "out"
     assert main(["lmvs", str(ball), str(out)]) == 0

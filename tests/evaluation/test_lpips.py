@@ -120,9 +120,13 @@ def test_anything_but_tensors_is_refused(tmp_path):
     (tmp_path / "noise.pth").write_bytes(b"\x00" * 100)
     torch.save([1, 2], tmp_path / "list.pth")
     torch.save({"lin0.model.1.weight": torch.zeros(3)}, tmp_path / "shape.pth")
-    for name in ("trap", "noise", "list", "shape"):
-        with pytest.raises(InputError, match=f"{name}.pth"):
+    torch.save({"a": torch.zeros(300)}, tmp_path / "whole.pth")
+    (tmp_path / "short.pth").write_bytes((tmp_path / "whole.pth").read_bytes()[:-400])
+    (tmp_path / "empty.pth").write_bytes(b"")
+    for name in ("trap", "noise", "list", "shape", "short", "empty", "absent"):
+        with pytest.raises(InputError, match=f"{name}.pth: expected") as caught:
             load_heads("squeeze", tmp_path / f"{name}.pth")
+        assert "\n" not in str(caught.value)
 
 
 def test_images_must_not_be_tiny(metric):

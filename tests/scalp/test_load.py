@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import zlib
 
 import cv2
 import numpy as np
@@ -73,6 +74,23 @@ def test_painted_mask(quads, tmp_path):
     image[:, 20:] = 255  # u > 2/3: the last triangle
     assert cv2.imwrite(str(tmp_path / "m.png"), image)
     assert load_head(quads, tmp_path / "m.png", scale=1.0).scalp_faces.tolist() == [4]
+
+
+def test_a_huge_or_damaged_mask_is_one_sentence_before_it_is_decoded(quads, tmp_path):
+    def chunk(kind, data):
+        return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+
+    def png(side, pixels):
+        header = chunk(b"IHDR", 2 * side.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0]))
+        return b"\x89PNG\r\n\x1a\n" + header + pixels + chunk(b"IEND", b"")
+
+    mask = tmp_path / "mask.png"
+    mask.write_bytes(png(13_000, chunk(b"IDAT", zlib.compress(b"\0" * 100))))
+    with pytest.raises(InputError, match=r"mask\.png: expected an image of at most .* found 13000 x 13000"):
+        load_head(quads, mask)
+    mask.write_bytes(png(30, b""))
+    with pytest.raises(InputError, match=r"mask\.png: expected an image that can be decoded, found a damaged one"):
+        load_head(quads, mask)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +173,7 @@ def test_other_suffixes_and_unreadable_files_are_refused(quads, tmp_path, monkey
     with pytest.raises(InputError, match=r"\.obj, \.ply, \.stl, \.glb, found '\.dae'"):
         read_mesh_file(tmp_path / "m.dae")
     (tmp_path / "s.png").write_bytes(b"")
-    with pytest.raises(InputError, match="found neither"):
+    with pytest.raises(InputError, match=r"s\.png: expected an image such as PNG or JPEG, found something else"):
         load_head(quads, tmp_path / "s.png")
 
     def refused(*_, **__):

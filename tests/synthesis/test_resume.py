@@ -47,3 +47,12 @@ def test_a_view_is_rendered_once_its_three_files_are_there(tmp_path):
     assert not is_rendered(tmp_path, camera)
     writer.write_view(camera, half[..., None].expand(-1, -1, 3), half, half)
     assert is_rendered(tmp_path, camera)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"\xff\xfe", b"[" * 100_000])
+def test_a_damaged_record_is_one_sentence_and_stays(tmp_path, content):
+    (tmp_path / "synthesis.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"synthesis\.json: .*remove the folder, or name another one") as caught:
+        claim_folder(tmp_path, SETTINGS, overwrite=True)
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / "synthesis.json").read_bytes() == content
