@@ -1,0 +1,84 @@
+"""What the scores of a capture can be at all, and how much they reward blur.
+
+    python benchmarks/quality/rulers.py --captures ../shared/data/captures/sintel_bob
+
+Geometry: one half of the true strands against the other half. They are the same hair, yet they differ where a match
+asks for a strand nearby: no fit of as many strands should expect more. Pictures: held-out photographs, blurred, against
+themselves, over the hair. Prints one JSON object per capture.
+"""
+
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+import tyro
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.hold_out import HOLD_OUT_EVERY, held_out_views
+from neural_strands.evaluation.geometry_metrics import THRESHOLDS, Agreement, matched_shares
+from neural_strands.evaluation.lpips import find_lpips
+from neural_strands.evaluation.oriented_points import sample_strands
+from neural_strands.evaluation.view_quality import RenderedView, mean_quality, view_qualities
+from neural_strands.geometry.strands import Strands
+from neural_strands.lmvs.orientation import gaussian_blur
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Which captures."""
+
+    captures: tuple[Path, ...] = (
+        Path("../shared/data/captures/sintel_bob"),
+        Path("../shared/data/captures/straight_long"),
+    )
+    """Captures with hair masks; those without true strands have no ruler for geometry."""
+    blurs: tuple[float, ...] = (1.0, 2.0, 4.0)
+    """Standard deviations of the blur, pixels."""
+    seed: int = 0
+    """Of the halves."""
+
+
+def halves(truth: Strands, seed: int) -> dict[str, float]:
+    """F of one half of the strands against the other, percent."""
+    order = torch.randperm(len(truth), generator=torch.Generator().manual_seed(seed))
+    one, other = (sample_strands(truth.points[part]) for part in order.tensor_split(2))
+    forth, back = matched_shares(one, other)[0], matched_shares(other, one)[0]
+    return {
+        threshold.name: round(Agreement(*shares).f_score, 2)
+        for threshold, shares in zip(THRESHOLDS, zip(forth, back, strict=True), strict=True)
+    }
+
+
+def blurred(capture: Capture, sigma: float) -> dict[str, float | None]:
+    """Scores over the hair of held-out photographs, blurred, against themselves."""
+    views = capture.views_on()
+    pairs = []
+    for index in held_out_views(len(capture), HOLD_OUT_EVERY):
+        view = views[index]
+        soft = gaussian_blur(view.image.permute(2, 0, 1), sigma).permute(1, 2, 0)
+        pairs.append(RenderedView(view.camera.name, soft, view.image, view.hair_mask))
+    hair = mean_quality(view_qualities(pairs, find_lpips("squeeze", fetch=False)[0])).hair
+    if hair is None:
+        sys.exit(f"{capture.folder}: expected hair masks, found none; choose a capture with masks.")
+    return {name: None if value is None else round(value, 4) for name, value in asdict(hair).items()}
+
+
+def main(arguments: Arguments) -> None:
+    """Print the rulers."""
+    for folder in arguments.captures:
+        capture = Capture.load(folder)
+        truth = capture.ground_truth
+        figures = {
+            "capture": folder.name,
+            "strands": None if truth is None else len(truth),
+            "half_against_half": None if truth is None else halves(truth, arguments.seed),
+            "blurred": {f"{sigma:g} px": blurred(capture, sigma) for sigma in arguments.blurs},
+        }
+        sys.stdout.write(json.dumps(figures) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))
