@@ -1,7 +1,7 @@
 """What a page tells its readers: errors in one sentence, and that something is being done."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -12,21 +12,31 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+Say = Callable[[str], None]
+"""Shows how far something is."""
 SHOWN_SECONDS = 20.0
 """How long an error stays on the page."""
 
 
 @contextmanager
-def told(client: "viser.ClientHandle | None", doing: str) -> Iterator[None]:
+def told(client: "viser.ClientHandle | None", doing: str) -> "Iterator[Say]":
     """Show on a browser's page that something is being done, and, where it fails, why.
 
     Args:
         client: the browser; None where it has left: then nothing is shown.
         doing: what is being done: "Cutting the hair".
+
+    Yields:
+        a function that shows how far it is.
     """
     notice = None if client is None else client.add_notification(doing, "", loading=True, with_close_button=False)
+
+    def say(sentence: str) -> None:
+        if notice is not None:
+            notice.body = sentence
+
     try:
-        yield
+        yield say
     except Exception as error:
         if not isinstance(error, InputError):
             log.exception("%s failed", doing)

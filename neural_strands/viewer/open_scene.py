@@ -5,17 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import read_head
+from neural_strands.editing.hair import Hair
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.io import check_suffix, read_groom
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import CONFIG_NAME, load_hair_model
 from neural_strands.model.hair_model import HairModel
-from neural_strands.model.renderer import HairRenderer
-from neural_strands.runs.newest_model import StateFile, load_newest_model
+from neural_strands.runs.edited import EDIT_NAME, POINTS, open_hair
+from neural_strands.runs.newest_model import StateFile, load_newest_model, newest_state
 from neural_strands.runs.run_folder import RunFolder, found_again, read_description
 from neural_strands.viewer.scene import Scene
 
@@ -36,6 +38,8 @@ def kind_of(path: Path) -> str:
         return "groom"
     if not path.is_dir():
         raise InputError(f"{path}: expected a run, a groom or a capture, found nothing there; check the path.")
+    if (path / EDIT_NAME).is_file():
+        return "edited"
     if RunFolder(path).description.is_file():
         return "run"
     return "model" if (path / CONFIG_NAME).is_file() else "capture"
@@ -54,8 +58,8 @@ def open_groom(path: Path) -> Scene:
         scale = 10.0 ** round(math.log10(ROOT_SPAN / span))
         groom = groom.transformed(torch.eye(3), scale)
         note = f"The file is not in metres: it is shown at {scale:g} times its size, as if its roots covered a head."
-    size = groom.uniform_size
-    return Scene(path, "groom", strands=groom.strands(None if size else 100), note=note)
+    strands = groom.strands(POINTS if groom.uniform_size is None else None)
+    return Scene(path, "groom", note=note).with_hair(Hair(strands))
 
 
 def open_capture(path: Path) -> Scene:
@@ -67,7 +71,8 @@ def open_capture(path: Path) -> Scene:
     capture = Capture.load(path)
     file = read_head(capture)
     head = None if file is None else file.mesh
-    return Scene(path, "capture", strands=capture.ground_truth, head=head, photographs=capture.views_on())
+    scene, true_strands = Scene(path, "capture", head=head, photographs=capture.views_on()), capture.ground_truth
+    return scene if true_strands is None else scene.with_hair(Hair(true_strands))
 
 
 def open_model(path: Path, device: torch.device) -> Scene:
@@ -77,6 +82,20 @@ def open_model(path: Path, device: torch.device) -> Scene:
         InputError: the folder is not a model.
     """
     return _shown_model(Scene(path, "model"), load_hair_model(path, device))
+
+
+def open_edited(path: Path, device: torch.device) -> Scene:
+    """Open a folder of edited hair: the hair that was edited with everything around it, and the edits.
+
+    Raises:
+        InputError: the folder or its source is damaged.
+    """
+    edited = open_hair(path, device)
+    source = edited.source
+    base = open_run(source, newest_state(RunFolder(source)), device) if kind_of(source) == "run" else Scene(path, "")
+    head = edited.fitted.model.body.mesh.to("cpu") if edited.fitted.model is not None else base.head
+    scene = replace(base, path=path, kind="edited hair", head=head, fitted=edited.fitted)
+    return scene.with_edits(edited.edits)
 
 
 def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene:
@@ -95,7 +114,8 @@ def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene
     place = found_again(folder, described, described.capture)
     base = Scene(path, "run", note=f"The photographs are not at {place} any more.")
     if place.is_dir():
-        base = replace(open_capture(place), path=path, kind="run", strands=None)
+        seen = open_capture(place)
+        base = Scene(path, "run", head=seen.head, photographs=seen.photographs)
     if folder.segments.is_file():
         base = replace(base, segments=load_segments(folder.segments))
     if state is None:
@@ -103,19 +123,16 @@ def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene
     return _shown_model(base, load_newest_model(folder, state, device))
 
 
-@torch.no_grad()
 def _shown_model(base: Scene, model: HairModel) -> Scene:
-    renderer = HairRenderer.of(model.eval())
-    strands = renderer.strands.to("cpu")
-    return replace(
-        base, renderer=renderer, strands=with_run_colours(base.path, strands), head=model.body.mesh.to("cpu")
-    )
+    """A scene with the hair of a model, and with the colours of its strands where the run's groom has them."""
+    hair = Hair.of(model.eval())
+    colour = _colours(RunFolder(base.path).groom_arrays, len(hair.strands))
+    if colour is not None:
+        hair = replace(hair, strands=replace(hair.strands, color=colour.to(hair.strands.points)))
+    return replace(base.with_hair(hair), head=model.body.mesh.to("cpu"))
 
 
-def with_run_colours(path: Path, strands: Strands) -> Strands:
-    """The strands with the colours of the run's groom, where that has been written and has as many strands."""
-    written = RunFolder(path).groom_arrays
-    if not written.is_file():
-        return strands
-    color = read_groom(written).color
-    return strands if color is None or len(color) != len(strands) else replace(strands, color=color)
+def _colours(groom: Path, count: int) -> Float[Tensor, "strand 3"] | None:
+    """Colours of a groom's strands, if it is there and has as many strands."""
+    color = read_groom(groom).color if groom.is_file() else None
+    return color if color is not None and len(color) == count else None

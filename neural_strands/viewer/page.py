@@ -1,6 +1,7 @@
 """A page: one scene that all browsers share, each with a camera and a picture of its own."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.pictures.encoding import to_bytes
 from neural_strands.viewer.cameras import PageCamera, Pose, photograph_pose, start_pose
 from neural_strands.viewer.frames import Pixels, rendered, seen_by, wiped
+from neural_strands.viewer.history import History
 from neural_strands.viewer.line_colours import Colouring
 from neural_strands.viewer.render_loop import RenderLoop
 from neural_strands.viewer.scene import Scene
@@ -79,6 +81,7 @@ class Page:
         server: viser's.
         scene: as shown now, edits included.
         look: as set in the panel.
+        history: edits of the hair, done and undone.
     """
 
     def __init__(self, server: "viser.ViserServer", scene: Scene) -> None:
@@ -86,6 +89,8 @@ class Page:
         self.server = server
         self.scene = scene
         self.look = Look()
+        self.history = History(scene.edits)
+        self._editing = threading.Lock()
         self._standing: dict[int, Standing] = {}
         self._lock = threading.Lock()
         self._loop = RenderLoop(self._draw)
@@ -98,8 +103,25 @@ class Page:
         self._loop.stop()
 
     def show(self, scene: Scene) -> None:
-        """Show other hair, or another head, from where each browser looks."""
-        self.scene = scene
+        """Show other hair, or another head, from where each browser looks; edits made here are made to it as well.
+
+        Raises:
+            InputError: the edits do not suit that hair.
+        """
+        with self._editing:
+            self.scene = scene.with_edits(self.history.done)
+        self.redraw()
+
+    def edit(self, change: Callable[[History], History]) -> None:
+        """Change what has been done to the hair, one change at a time; where it fails, everything stays as it was.
+
+        Raises:
+            InputError: an edit does not suit the hair, or none of it would remain.
+        """
+        with self._editing:
+            history = change(self.history)
+            self.scene = self.scene.with_edits(history.done)
+            self.history = history
         self.redraw()
 
     def set_look(self, look: Look) -> None:
@@ -125,6 +147,13 @@ class Page:
         if self.scene.photographs is None:
             raise InputError(f"{self.scene.path}: expected photographs, found none; open a run that has some.")
         self._stand(client, photograph)
+
+    def request_of(self, client: "viser.ClientHandle") -> FrameRequest:
+        """What a browser shows now."""
+        with self._lock:
+            standing = self._standing.get(client.client_id)
+        photograph = standing.photograph if standing is not None and standing.arrived else None
+        return FrameRequest(self.camera_of(client), self.scene, self.look, photograph)
 
     def camera_of(self, client: "viser.ClientHandle") -> PageCamera:
         """Where a browser looks from."""
@@ -180,10 +209,7 @@ class Page:
             self._ask(client)
 
     def _ask(self, client: "viser.ClientHandle") -> None:
-        with self._lock:
-            standing = self._standing.get(client.client_id)
-        photograph = standing.photograph if standing is not None and standing.arrived else None
-        self._loop.ask(client.client_id, FrameRequest(self.camera_of(client), self.scene, self.look, photograph))
+        self._loop.ask(client.client_id, self.request_of(client))
 
     def _draw(self, browser: int, request: FrameRequest, size: int) -> None:
         """Draw one picture and send it."""

@@ -2,26 +2,58 @@
 
 from collections.abc import Callable
 
+from neural_strands.runs.run_folder import RunFolder
+from neural_strands.viewer.edit_panel import EditPanel
+from neural_strands.viewer.fit_panel import FitPanel
 from neural_strands.viewer.look_panel import add_look_panel
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.photographs_panel import add_photographs_panel
+from neural_strands.viewer.save_panel import add_save_panel
 
 
-def add_panels(page: Page) -> Callable[[], None]:
-    """Fill the panel, instead of whatever is in it.
+class Panels:
+    """All tabs of a page."""
 
-    Returns:
-        draws anew whatever depends on the page's strands.
-    """
-    gui, scene = page.server.gui, page.scene
-    gui.reset()
-    gui.set_panel_label("Neural Strands")
-    gui.configure_theme(show_logo=False, show_share_button=False)
-    gui.add_markdown(f"**{scene.path.name}** ({scene.kind})" + (f"\n\n{scene.note}" if scene.note else ""))
-    tabs = gui.add_tab_group()
-    with tabs.add_tab("Look"):
-        redraw = add_look_panel(page)
-    if scene.photographs is not None and len(scene.photographs):
-        with tabs.add_tab("Photographs"):
-            add_photographs_panel(page, scene.photographs)
-    return redraw
+    def __init__(self, page: Page) -> None:
+        """Fill the panel, instead of whatever is in it.
+
+        Raises:
+            InputError: a file of the run is damaged.
+        """
+        gui, scene = page.server.gui, page.scene
+        self._redraw: Callable[[], None]
+        self._edit: EditPanel | None = None
+        self._fit: FitPanel | None = None
+        gui.reset()
+        gui.set_panel_label("Neural Strands")
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.add_markdown(f"**{scene.path.name}** ({scene.kind})" + (f"\n\n{scene.note}" if scene.note else ""))
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Look"):
+            self._redraw = add_look_panel(page)
+        if scene.photographs is not None and len(scene.photographs):
+            with tabs.add_tab("Photos"):
+                add_photographs_panel(page, scene.photographs)
+        if scene.hair is not None and len(scene.hair.strands):
+            with tabs.add_tab("Edit"):
+                self._edit = EditPanel(page, self._redraw)
+            with tabs.add_tab("Save"):
+                add_save_panel(page)
+        if scene.kind == "run":
+            with tabs.add_tab("Fit"):
+                self._fit = FitPanel(page.server, RunFolder(scene.path))
+
+    def update(self) -> None:
+        """Show other hair of the same kind."""
+        self._redraw()
+        if self._edit is not None:
+            self._edit.describe()
+
+    def follow(self) -> None:
+        """Show how far the fit is.
+
+        Raises:
+            InputError: its log cannot be read.
+        """
+        if self._fit is not None:
+            self._fit.update()

@@ -1,8 +1,11 @@
 """What a page shows: hair, head, segments and photographs, whichever of them there are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from neural_strands.editing.edit_list import apply_edits
+from neural_strands.editing.hair import Hair
+from neural_strands.editing.settings import Edit
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
@@ -17,8 +20,10 @@ class Scene:
     Attributes:
         path: the run, groom or capture.
         kind: what it is, for people: "run", "groom" or "capture".
-        strands: world metres, on the CPU; None where there are none, as in a capture without ground truth.
-        renderer: renders the hair of a run from any camera.
+        fitted: hair as it was fitted or read; None where there is none, as in a capture without true strands.
+        edits: what has been done to it.
+        hair: the hair after the edits.
+        renderer: renders the edited hair of a model from any camera.
         head: mesh of head and body.
         segments: line segments that the fit used.
         photographs: read when they are asked for.
@@ -27,9 +32,32 @@ class Scene:
 
     path: Path
     kind: str
-    strands: Strands | None = None
+    fitted: Hair | None = None
+    edits: tuple[Edit, ...] = ()
+    hair: Hair | None = None
     renderer: HairRenderer | None = None
     head: Mesh | None = None
     segments: LineSegments | None = None
     photographs: Views | None = None
     note: str = ""
+
+    @property
+    def strands(self) -> Strands | None:
+        """The edited strands, on the CPU."""
+        return None if self.hair is None else self.hair.strands.to("cpu")
+
+    def with_hair(self, fitted: Hair) -> "Scene":
+        """The same scene with other hair, not edited."""
+        return replace(self, fitted=fitted).with_edits(())
+
+    def with_edits(self, edits: tuple[Edit, ...]) -> "Scene":
+        """The same scene with other edits of its hair.
+
+        Raises:
+            InputError: an edit does not suit the hair.
+        """
+        if self.fitted is None:
+            return self
+        hair = apply_edits(self.fitted, edits) if edits else self.fitted
+        renderer = None if hair.model is None else HairRenderer.of(hair.model, hair.strands)
+        return replace(self, edits=edits, hair=hair, renderer=renderer)

@@ -10,9 +10,10 @@ import torch
 from neural_strands.foundation.errors import InputError
 from neural_strands.runs.newest_model import StateFile, newest_state
 from neural_strands.runs.run_folder import RunFolder
-from neural_strands.viewer.open_scene import kind_of, open_capture, open_groom, open_model, open_run
+from neural_strands.viewer.notices import complain
+from neural_strands.viewer.open_scene import kind_of, open_capture, open_edited, open_groom, open_model, open_run
 from neural_strands.viewer.page import Page
-from neural_strands.viewer.panels import add_panels
+from neural_strands.viewer.panels import Panels
 from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class ServedPage:
         self._kind = kind_of(path)
         self._state = newest_state(RunFolder(path)) if self._kind == "run" else None
         self.page = Page(server, self._open(self._state))
-        self._redraw = add_panels(self.page)
+        self._panels = Panels(self.page)
 
     def close(self) -> None:
         """End the page's threads; the server goes on."""
@@ -55,25 +56,31 @@ class ServedPage:
         A state that cannot be read is left out: the fit writes another.
         """
         state = newest_state(RunFolder(self._path)) if self._kind == "run" else None
-        if state is None or state == self._state:
-            return False
-        self._state = state
         try:
-            scene = self._open(state)
+            self._panels.follow()
+            if state is None or state == self._state:
+                return False
+            self._state, before = state, self.page.scene
+            self.page.show(self._open(state))
         except InputError as error:
-            log.warning("%s", error)
+            self._complain(error)
             return False
-        before = self.page.scene
-        self.page.show(scene)
-        if _parts(scene) == _parts(before):
-            self._redraw()
+        if _parts(self.page.scene) == _parts(before):
+            self._panels.update()
         else:
-            self._redraw = add_panels(self.page)
+            self._panels = Panels(self.page)
         return True
+
+    def _complain(self, error: InputError) -> None:
+        log.warning("%s", error)
+        for client in self.page.server.get_clients().values():
+            complain(client, error)
 
     def _open(self, state: StateFile | None) -> Scene:
         if self._kind == "run":
             return open_run(self._path, state, self._device)
+        if self._kind == "edited":
+            return open_edited(self._path, self._device)
         if self._kind == "model":
             return open_model(self._path, self._device)
         return open_groom(self._path) if self._kind == "groom" else open_capture(self._path)

@@ -14,7 +14,6 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.progress import track
 
 if TYPE_CHECKING:
@@ -136,9 +135,8 @@ class Render:
     @contextmanager
     def _writer(self, first: "Camera", fps: float) -> "Iterator[Callable[[str, np.ndarray], None]]":
         """A function that takes the frames one by one, and puts them where `out` says."""
-        import cv2
-
         from neural_strands.pictures.encoding import write_png
+        from neural_strands.pictures.video import video_writer
 
         if self.out.suffix.lower() not in VIDEO_SUFFIXES:
             taken: set[str] = set()
@@ -148,23 +146,8 @@ class Render:
 
             yield write_image
             return
-        with atomic_file(self.out) as temporary:
-            # The codec asks for even sides: one column or row may be dropped.
-            size = (max(first.width // 2 * 2, 2), max(first.height // 2 * 2, 2))
-            video = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
-            if not video.isOpened():
-                raise InputError(
-                    f"{self.out}: expected an MPEG-4 encoder in OpenCV, found none; name a folder instead."
-                )
-
-            def write_frame(_: str, frame: "np.ndarray") -> None:
-                sized = frame if frame.shape[1::-1] == size else cv2.resize(frame, size)
-                video.write(cv2.cvtColor(sized, cv2.COLOR_RGB2BGR))
-
-            try:
-                yield write_frame
-            finally:
-                video.release()
+        with video_writer(self.out, (first.width, first.height), fps) as write:
+            yield lambda _, frame: write(frame)
 
 
 def _frames(
