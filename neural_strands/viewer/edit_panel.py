@@ -15,6 +15,12 @@ if TYPE_CHECKING:
 
 Way = Literal["below the plane", "to a length", "by a share"]
 WAYS: tuple[Way, ...] = get_args(Way)
+CHANGES: dict[str, Callable[[History], History]] = {
+    "Undo": History.back,
+    "Redo": History.forward,
+    "Start over": History.cleared,
+}
+"""What the buttons do to the list of edits."""
 CENTIMETRE, MILLIMETRE = 0.01, 0.001
 
 
@@ -28,17 +34,11 @@ class EditPanel:
             page: whose hair is changed.
             redraw: draws anew whatever else shows the hair.
         """
-        from viser import Icon
-
         gui = page.server.gui
         self._page, self._redraw = page, redraw
-        undo = gui.add_button("Undo", icon=Icon.ARROW_BACK_UP)
-        redo = gui.add_button("Redo", icon=Icon.ARROW_FORWARD_UP)
-        clear = gui.add_button("Undo everything", icon=Icon.TRASH)
+        changes = gui.add_button_group("Edits", tuple(CHANGES))
         self._list = gui.add_markdown("")
-        undo.on_click(lambda event: self._change(event, "Undoing", History.back))
-        redo.on_click(lambda event: self._change(event, "Doing it again", History.forward))
-        clear.on_click(lambda event: self._change(event, "Undoing", History.cleared))
+        changes.on_click(lambda event: self._change(event, CHANGES[changes.value]))
         with gui.add_folder("Haircut"):
             self._add_haircut()
         if page.scene.fitted is not None and page.scene.fitted.model is not None:
@@ -100,8 +100,8 @@ class EditPanel:
             self._redraw()
             self.describe()
 
-    def _change(self, event: "viser.GuiEvent", doing: str, change: Callable[[History], History]) -> None:
-        with told(event.client, doing):
+    def _change(self, event: "viser.GuiEvent", change: Callable[[History], History]) -> None:
+        with told(event.client, "Changing the hair"):
             self._page.edit(change)
             self._redraw()
             self.describe()
@@ -125,5 +125,5 @@ def described(edit: Edit) -> str:
 
 def _short(value: object) -> str:
     if isinstance(value, float):
-        return f"{value:.3g}"
+        return f"{round(value, 3) + 0.0:g}"
     return " ".join(_short(each) for each in value) if isinstance(value, tuple | list) else str(value)

@@ -9,6 +9,8 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import to_bytes
 
+LINE = 400
+"""Share of a picture's width that the line between two pictures takes, as one in so many."""
 Pixels = UInt8[np.ndarray, "height width 3"]
 
 
@@ -43,9 +45,9 @@ def seen_by(
 
 
 def wiped(left: Pixels, right: Pixels, share: float) -> Pixels:
-    """One picture up to `share` of the width, the other beyond, a white line between."""
-    column = round(share * left.shape[1])
+    """One picture up to `share` of the width, the other beyond, a thin white line between."""
+    column, width = round(share * left.shape[1]), left.shape[1]
     picture = np.concatenate([left[:, :column], right[:, column:]], axis=1)
-    if 0 < column < left.shape[1]:
-        picture[:, max(column - 1, 0) : column + 1] = 255
+    if 0 < column < width:
+        picture[:, column - max(width // LINE, 1) : column] = 255
     return picture

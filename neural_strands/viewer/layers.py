@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,9 @@ import torch
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.encoding import to_bytes
-from neural_strands.viewer.line_colours import Colouring, segment_lines, strand_lines
+from neural_strands.viewer.line_colours import segment_lines, strand_lines
+from neural_strands.viewer.notices import told
+from neural_strands.viewer.page import Page
 from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -37,7 +40,7 @@ class Layer:
 
     name: str
     label: str
-    draw: "Callable[[viser.ViserServer, Scene, Colouring], None]"
+    draw: "Callable[[Page], None]"
     at_first: bool
 
 
@@ -51,34 +54,38 @@ def layers_of(scene: Scene) -> list[Layer]:
     if scene.head is not None and len(scene.head.faces):
         found.append(Layer(HEAD, "Head", _draw_head, scene.renderer is None))
     if scene.photographs is not None:
-        found.append(Layer(CAMERAS, "Cameras with photographs", _draw_cameras, scene.kind == "capture"))
+        found.append(Layer(CAMERAS, "Cameras (click one)", _draw_cameras, scene.kind == "capture"))
     return found
 
 
-def _draw_strands(server: "viser.ViserServer", scene: Scene, colouring: Colouring) -> None:
+def _draw_strands(page: Page) -> None:
+    server, scene = page.server, page.scene
     assert scene.strands is not None
-    points, colours = strand_lines(scene.strands, colouring)
+    points, colours = strand_lines(scene.strands, page.look.colouring)
     server.scene.add_line_segments(STRANDS, points, colours, thickness=LINE_PIXELS, thickness_units="screen")
 
 
-def _draw_segments(server: "viser.ViserServer", scene: Scene, _: Colouring) -> None:
+def _draw_segments(page: Page) -> None:
+    server, scene = page.server, page.scene
     assert scene.segments is not None
     points, colours = segment_lines(scene.segments)
     server.scene.add_line_segments(SEGMENTS, points, colours, thickness=LINE_PIXELS, thickness_units="screen")
 
 
-def _draw_head(server: "viser.ViserServer", scene: Scene, _: Colouring) -> None:
+def _draw_head(page: Page) -> None:
+    server, scene = page.server, page.scene
     assert scene.head is not None
     vertices, faces = scene.head.vertices.numpy(), scene.head.faces.numpy().astype(np.uint32)
     server.scene.add_mesh_simple(HEAD, vertices, faces, color=SKIN, side="double")
 
 
-def _draw_cameras(server: "viser.ViserServer", scene: Scene, _: Colouring) -> None:
+def _draw_cameras(page: Page) -> None:
+    server, scene = page.server, page.scene
     assert scene.photographs is not None
     small = scene.photographs.reduced(THUMBNAIL)
     server.scene.add_frame(CAMERAS, show_axes=False)
     for index, camera in enumerate(small.cameras):
-        server.scene.add_camera_frustum(
+        frustum = server.scene.add_camera_frustum(
             f"{CAMERAS}/{index}",
             fov=2 * float(torch.atan(0.5 * camera.height / camera.intrinsics[1, 1])),
             aspect=camera.width / camera.height,
@@ -87,6 +94,12 @@ def _draw_cameras(server: "viser.ViserServer", scene: Scene, _: Colouring) -> No
             wxyz=wxyz_of(camera),
             position=tuple(camera.position.tolist()),
         )
+        frustum.on_click(partial(_jump, page, index))
+
+
+def _jump(page: Page, photograph: int, event: "viser.SceneNodePointerEvent") -> None:
+    with told(event.client, "Reading the photograph"):
+        page.jump(event.client, photograph)
 
 
 def hide(server: "viser.ViserServer", name: str) -> None:

@@ -40,18 +40,18 @@ def add_look_panel(page: Page) -> Callable[[], None]:
             return
         shown.add(layer.name)
         with told(event.client, f"Drawing: {layer.label.lower()}"):
-            layer.draw(page.server, page.scene, page.look.colouring)
+            layer.draw(page)
 
     def draw_strands() -> None:
         if STRANDS in shown:
-            layers[STRANDS].draw(page.server, page.scene, page.look.colouring)
+            layers[STRANDS].draw(page)
 
     for layer in layers.values():
         box = gui.add_checkbox(layer.label, initial_value=layer.at_first)
         box.on_update(partial(toggle, layer))
         if layer.at_first:
             shown.add(layer.name)
-            layer.draw(page.server, scene, page.look.colouring)
+            layer.draw(page)
     if STRANDS in layers:
         colouring = gui.add_dropdown("Colour of lines", COLOURINGS, initial_value=page.look.colouring)
 

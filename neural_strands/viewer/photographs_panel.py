@@ -1,8 +1,10 @@
 """The controls that put a browser where a photograph was taken, and compare the two."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import Views
 from neural_strands.viewer.notices import told
 from neural_strands.viewer.page import Page
@@ -17,7 +19,7 @@ def add_photographs_panel(page: Page, views: Views) -> None:
 
     gui = page.server.gui
     names = tuple(f"{number}: {camera.name}" for number, camera in enumerate(views.cameras, start=1))
-    choice = gui.add_dropdown("Photograph", names)
+    choice = gui.add_dropdown("Photograph", names, initial_value=names[frontal(views.cameras)])
     go = gui.add_button("Look from there", icon=Icon.CAMERA, hint="Stand where the photograph was taken")
     wipe = gui.add_slider("Photograph | rendering", min=0.0, max=1.0, step=0.01, initial_value=page.look.wipe)
     wipe.on_update(lambda _: page.set_look(replace(page.look, wipe=wipe.value)))
@@ -29,3 +31,8 @@ def add_photographs_panel(page: Page, views: Views) -> None:
 
     go.on_click(jump)
     choice.on_update(jump)
+
+
+def frontal(cameras: Sequence[Camera]) -> int:
+    """Index of the camera that looks most directly at the face, which looks along +z."""
+    return min(range(len(cameras)), key=lambda index: float(cameras[index].rotation[2, 2]))
