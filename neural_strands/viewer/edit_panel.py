@@ -89,7 +89,7 @@ class EditPanel:
 
     def _add_density(self, fitted: int) -> None:
         gui = self._page.server.gui
-        count = gui.add_number("Strands", initial_value=fitted, min=1000, max=MOST_STRANDS, step=1000)
+        count = gui.add_number("Strands", initial_value=fitted, min=1, max=MOST_STRANDS, step=1)
         grow = gui.add_button("Grow this many")
         grow.on_click(lambda event: self._do(event, "Growing strands", lambda: Density(int(count.value))))
 

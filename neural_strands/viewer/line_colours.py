@@ -10,7 +10,7 @@ from torch import Tensor
 from neural_strands.foundation.srgb import to_srgb
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
-from neural_strands.pictures.encoding import linear_to_srgb, to_bytes
+from neural_strands.pictures.encoding import to_bytes
 from neural_strands.pictures.lines import direction_colour
 
 Colouring = Literal["hair colour", "direction", "root"]

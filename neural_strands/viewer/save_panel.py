@@ -13,6 +13,7 @@ from neural_strands.grooms.scenes.alembic import Blender
 from neural_strands.grooms.scenes.scene import SUFFIXES
 from neural_strands.pictures.encoding import encode_png
 from neural_strands.pictures.video import video_writer
+from neural_strands.runs.edited import EditedHair
 from neural_strands.runs.export import ExportConfig, export_hair
 from neural_strands.viewer.frames import rendered
 from neural_strands.viewer.notices import Say, told
@@ -86,14 +87,14 @@ def saved_edits(page: Page) -> tuple[str, bytes]:
 
 def saved_hair(page: Page, suffix: str) -> tuple[str, bytes]:
     """The edited strands for other programs: name and content of a file."""
-    hair = page.scene.hair
-    if hair is None or len(hair.strands) == 0:
+    scene = page.scene
+    if scene.fitted is None or scene.hair is None:
         raise InputError("Saving the hair: expected strands, found none; undo edits, or open other hair.")
     if suffix == ".abc":
         Blender().check()
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"hair{suffix}"
-        export_hair(hair, path, ExportConfig(), Blender())
+        export_hair(EditedHair(scene.path, scene.fitted, scene.edits, scene.hair), path, ExportConfig(), Blender())
         return f"{_stem(page)}{suffix}", path.read_bytes()
 
 

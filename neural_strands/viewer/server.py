@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import importlib
 import io
 import ipaddress
 import logging
@@ -38,14 +39,10 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
     Raises:
         InputError: viser is not installed, or no such address can be bound.
     """
-    try:
-        import viser
-        from viser import _messages
-    except ImportError as error:
-        raise InputError(
-            "view: expected viser, which serves the page, found it not installed; "
-            "run: pip install neural-strands[view]."
-        ) from error
+    check_installed()
+    import viser
+    from viser import _messages
+
     port = free_port(host, port)
     # A browser that sends nonsense is dropped; nobody needs the traceback.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
@@ -70,6 +67,21 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
     # It runs before anything is sent to the browser.
     connections.on_client_connect(admit)
     return server
+
+
+def check_installed() -> None:
+    """See that viser is there.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        importlib.import_module("viser")
+    except ImportError as error:
+        raise InputError(
+            "view: expected viser, which serves the page, found it not installed; "
+            "run: pip install neural-strands[view]."
+        ) from error
 
 
 def stop_server(server: "viser.ViserServer") -> None:

@@ -66,3 +66,4 @@ class Demo:
             temporary.write_text(json.dumps({"seconds": seconds}, indent=2) + "\n", encoding="utf-8")
         told = ", ".join(f"{name} {value:g} s" for name, value in seconds.items())
         sys.stdout.write(f"{told}\nopen {run / 'report' / 'index.html'} and {run / 'groom.usd'}\n")
+        sys.stdout.write(f"or look at it, cut it and export it in the browser: neural-strands view {run}\n")

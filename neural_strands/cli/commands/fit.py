@@ -4,6 +4,7 @@ import json as json_module
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -58,6 +59,8 @@ class Fit:
     """Seed of everything random, overriding preset and file."""
     device: DeviceName = "auto"
     """Where to compute."""
+    view: bool = False
+    """Show the fit on a page in the browser while it runs (needs the extra `view`)."""
     json: bool = False
     """Print JSON instead of text: strands, steps, seconds, the losses of the last step, and files."""
 
@@ -72,6 +75,7 @@ class Fit:
         from neural_strands.runs.run_fit import FitRequest, run_fit
         from neural_strands.runs.run_folder import RunFolder
         from neural_strands.runs.run_log import read_log
+        from neural_strands.viewer.beside import page_beside
 
         began = time.perf_counter()
         config = self.settings or _settings(self.preset, self.config)
@@ -79,7 +83,8 @@ class Fit:
         config = replace(config, **given)
         check_fit_config(config, "--config")
         request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior)
-        state = run_fit(request, config, pick_device(self.device), Feedback(say, track))
+        with page_beside(self.out) if self.view else nullcontext():
+            state = run_fit(request, config, pick_device(self.device), Feedback(say, track))
         folder = RunFolder(self.out)
         if not self.json:
             sys.stdout.write(f"{len(state.drawn)} strands after {state.step} steps: {folder.groom}\n")

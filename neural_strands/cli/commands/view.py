@@ -1,6 +1,7 @@
 """`neural-strands view`: hair in the browser."""
 
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +14,9 @@ from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
 if TYPE_CHECKING:
     import viser
+
+WAITING_SECONDS = 1.0
+"""How often --wait looks whether the fit has begun."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +32,20 @@ class View:
     """Port of the page; the next free one is taken where it is in use. 0 takes any."""
     host: str = LOOPBACK
     """Address to serve the page on. Anything but this machine's own lets others on the network see and edit."""
+    wait: bool = False
+    """Wait for a fit that has yet to begin there."""
     device: DeviceName = "auto"
     """Where to render."""
 
     def run(self) -> None:
         """Serve the page until Ctrl-C."""
-        if not self.path.exists():
+        if not self.path.exists() and not self.wait:
             raise InputError(f"{self.path}: expected a run, a groom or a capture, found nothing; check the path.")
         server = start_server(self.host, self.port)
         try:
             # The page is there before torch is loaded and the files are read.
-            server.gui.add_markdown(f"Opening {self.path.name} …")
+            doing = "Waiting for a fit in" if self.wait else "Opening"
+            server.gui.set_panel_label(f"{doing} {self.path.name} …")
             port = server.get_port()
             if self.port not in (0, port):
                 say(f"port {self.port} is in use; taking {port}")
@@ -48,15 +55,19 @@ class View:
             stop_server(server)
 
     def _serve(self, server: "viser.ViserServer") -> None:
+        from neural_strands.runs.run_folder import RunFolder
         from neural_strands.viewer.serve import ServedPage
 
-        served = ServedPage(server, self.path, pick_device(self.device))
         try:
-            served.follow()
+            while self.wait and not RunFolder(self.path).description.is_file():
+                time.sleep(WAITING_SECONDS)
+            served = ServedPage(server, self.path, pick_device(self.device))
+            try:
+                served.follow()
+            finally:
+                served.close()
         except KeyboardInterrupt:
             say("the page is closed")
-        finally:
-            served.close()
 
 
 def say(sentence: str) -> None:
