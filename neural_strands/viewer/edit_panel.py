@@ -9,6 +9,7 @@ from neural_strands.viewer.history import History
 from neural_strands.viewer.notices import told
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.plane_handle import PlaneHandle, middle_of
+from neural_strands.viewer.wind_panel import add_wind_panel
 
 if TYPE_CHECKING:
     import viser
@@ -44,6 +45,8 @@ class EditPanel:
         if page.scene.fitted is not None and page.scene.fitted.model is not None:
             with gui.add_folder("Number of strands", expand_by_default=False):
                 self._add_density(len(page.scene.fitted.strands))
+            with gui.add_folder("Wind", expand_by_default=False):
+                add_wind_panel(page, self._do)
         self.describe()
 
     def _add_haircut(self) -> None:

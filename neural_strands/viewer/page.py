@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import to_bytes
 from neural_strands.viewer.cameras import PageCamera, Pose, photograph_pose, start_pose
 from neural_strands.viewer.frames import Pixels, rendered, seen_by, wiped
@@ -66,12 +67,14 @@ class FrameRequest:
         scene: what to render.
         look: shared settings.
         photograph: index of the photograph to compare with, or None.
+        moment: renders the hair as it moves, instead of the scene's at rest.
     """
 
     camera: PageCamera
     scene: Scene
     look: Look
     photograph: int | None = None
+    moment: HairRenderer | None = None
 
 
 class Page:
@@ -90,6 +93,7 @@ class Page:
         self.scene = scene
         self.look = Look()
         self.history = History(scene.edits)
+        self._moment: HairRenderer | None = None
         self._editing = threading.Lock()
         self._standing: dict[int, Standing] = {}
         self._lock = threading.Lock()
@@ -124,6 +128,11 @@ class Page:
             self.history = history
         self.redraw()
 
+    def show_moment(self, moment: HairRenderer | None) -> None:
+        """Show hair that moves; None shows it at rest."""
+        self._moment = moment
+        self.redraw()
+
     def set_look(self, look: Look) -> None:
         """Change what all browsers see."""
         self.look = look
@@ -153,7 +162,7 @@ class Page:
         with self._lock:
             standing = self._standing.get(client.client_id)
         photograph = standing.photograph if standing is not None and standing.arrived else None
-        return FrameRequest(self.camera_of(client), self.scene, self.look, photograph)
+        return FrameRequest(self.camera_of(client), self.scene, self.look, photograph, self._moment)
 
     def camera_of(self, client: "viser.ClientHandle") -> PageCamera:
         """Where a browser looks from."""
@@ -223,8 +232,9 @@ def picture_of(request: FrameRequest, size: int) -> Pixels | None:
     """The picture of a request with `size` pixels along its longer side; None where nothing is to be shown."""
     scene, camera = request.scene, request.camera.sized(size)
     ours = None
-    if request.look.neural and scene.renderer is not None:
-        ours = rendered(scene.renderer, camera)
+    renderer = request.moment or scene.renderer
+    if request.look.neural and renderer is not None:
+        ours = rendered(renderer, camera)
     if request.photograph is None or scene.photographs is None:
         return ours
     paper = np.full((camera.height, camera.width, 3), PAPER, np.uint8)

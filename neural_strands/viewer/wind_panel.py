@@ -1,0 +1,54 @@
+"""The controls of wind."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from neural_strands.editing.settings import Edit, Wind
+from neural_strands.viewer.notices import told
+from neural_strands.viewer.page import Page
+from neural_strands.viewer.wind_player import WindPlayer
+
+if TYPE_CHECKING:
+    import viser
+
+DIRECTIONS: dict[str, tuple[float, float, float]] = {
+    "from the left": (1.0, 0.0, 0.0),
+    "from the right": (-1.0, 0.0, 0.0),
+    "into the face": (0.0, 0.0, -1.0),
+    "from behind": (0.0, 0.0, 1.0),
+    "from below": (0.0, 1.0, 0.0),
+}
+"""Where wind blows to; left and right are those of somebody who looks at the face."""
+
+
+def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], Edit]], None]") -> None:
+    """Add the controls of wind.
+
+    Args:
+        page: whose hair is blown.
+        do: carries out an edit, says so, and lists it.
+    """
+    gui, player = page.server.gui, WindPlayer(page)
+    direction = gui.add_dropdown("Wind", tuple(DIRECTIONS))
+    strength = gui.add_slider("Strength", min=0.0, max=5.0, step=0.1, initial_value=1.0)
+    gusts = gui.add_slider("Gusts", min=0.0, max=1.0, step=0.05, initial_value=0.5)
+    play = gui.add_checkbox("Blow", initial_value=False, hint="Adds the wind to the edits and shows it")
+
+    def blow(event: "viser.GuiEvent") -> None:
+        if not play.value:
+            player.stop()
+            return
+        wanted = Wind(direction=DIRECTIONS[direction.value], strength=strength.value, gusts=gusts.value)
+        if wanted not in page.scene.edits:
+            do(event, "Adding wind", lambda: wanted)
+        with told(event.client, "Starting the wind"):
+            player.play()
+
+    play.on_update(blow)
+
+    def change(event: "viser.GuiEvent") -> None:
+        if play.value:
+            blow(event)
+
+    for control in (direction, strength, gusts):
+        control.on_update(change)
