@@ -90,6 +90,8 @@ def _draw_cameras(page: Page) -> None:
             fov=2 * float(torch.atan(0.5 * camera.height / camera.intrinsics[1, 1])),
             aspect=camera.width / camera.height,
             scale=FRUSTUM,
+            thickness=LINE_PIXELS,
+            thickness_units="screen",
             image=to_bytes(small.image(index)),
             wxyz=wxyz_of(camera),
             position=tuple(camera.position.tolist()),

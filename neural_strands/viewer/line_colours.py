@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from neural_strands.foundation.srgb import to_srgb
+from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
 from neural_strands.pictures.encoding import to_bytes
@@ -42,7 +42,7 @@ def strand_lines(
     ends = torch.stack([drawn[:, :-1], drawn[:, 1:]], dim=2).reshape(-1, 2, 3)
     colours = torch.stack([colour[:, :-1], colour[:, 1:]], dim=2).reshape(-1, 2, 3)
     finite = ends.isfinite().all(dim=2).all(dim=1)
-    return ends[finite].float().numpy(), to_bytes(colours[finite])
+    return ends[finite].float().numpy(), _line_bytes(colours[finite])
 
 
 def segment_lines(
@@ -52,7 +52,12 @@ def segment_lines(
     every = max(1, -(-len(segments) // most))
     lines = segments.select(segments.segment_id % every == 0).lines()
     along = torch.nn.functional.normalize(lines[:, 1] - lines[:, 0], dim=-1)
-    return lines.float().numpy(), to_bytes(direction_colour(along)[:, None].expand(-1, 2, -1))
+    return lines.float().numpy(), _line_bytes(direction_colour(along)[:, None].expand(-1, 2, -1))
+
+
+def _line_bytes(colours: Float[Tensor, "line 2 3"]) -> UInt8[np.ndarray, "line 2 3"]:
+    """Encoded colours as browsers take those of lines: three.js, which draws them, expects linear light there."""
+    return to_bytes(to_linear(colours))
 
 
 def _colours(strands: Strands, drawn: Float[Tensor, "s p 3"], colouring: Colouring) -> Float[Tensor, "s p 3"]:

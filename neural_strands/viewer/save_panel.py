@@ -17,12 +17,13 @@ from neural_strands.runs.edited import EditedHair
 from neural_strands.runs.export import ExportConfig, export_hair
 from neural_strands.viewer.frames import rendered
 from neural_strands.viewer.notices import Say, told
-from neural_strands.viewer.page import Page, picture_of
+from neural_strands.viewer.page import FrameRequest, Page, picture_of
+from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
     import viser
 
-SECONDS, FPS = 4, 15
+SECONDS, FPS = 4.0, 15.0
 """Length of a turntable and its frames per second."""
 SIDE = 512
 """Pixels along a side of a turntable."""
@@ -44,50 +45,49 @@ def add_save_panel(page: Page) -> None:
     if scene.renderer is not None:
         longer = gui.add_slider("Longer side, pixels", min=256, max=4096, step=256, initial_value=1024)
         picture = gui.add_button("Save this view", hint="A PNG of the rendered hair as you see it")
-        picture.on_click(saving("Rendering", lambda client, _: saved_view(page, client, int(longer.value))))
-        turn = gui.add_button("Save a turntable", hint=f"A video of {SECONDS} s, once around the head")
-        turn.on_click(saving("Rendering a turntable", lambda _, say: saved_turntable(page, say)))
+        picture.on_click(saving("Rendering", lambda client, _: saved_view(page.request_of(client), int(longer.value))))
+        turn = gui.add_button("Save a turntable", hint=f"A video of {SECONDS:g} s, once around the head")
+        turn.on_click(saving("Rendering a turntable", lambda _, say: saved_turntable(page.scene, say)))
     if scene.fitted is not None:
         edits = gui.add_button("Save the edits", hint="A list that `neural-strands edit --edits` applies")
-        edits.on_click(saving("Saving the edits", lambda *_: saved_edits(page)))
+        edits.on_click(saving("Saving the edits", lambda *_: saved_edits(page.scene)))
         gui.add_divider()
         form = gui.add_dropdown("Format", SUFFIXES)
         hair = gui.add_button("Save the hair", hint="Strands for Blender, Houdini, Maya, Unreal and others")
-        hair.on_click(saving("Writing the hair", lambda *_: saved_hair(page, form.value)))
+        hair.on_click(saving("Writing the hair", lambda *_: saved_hair(page.scene, form.value)))
 
 
-def saved_view(page: Page, client: "viser.ClientHandle", longest: int) -> tuple[str, bytes]:
+def saved_view(request: FrameRequest, longest: int) -> tuple[str, bytes]:
     """What a browser sees, rendered at a size of its own: name and content of a PNG."""
-    picture = picture_of(page.request_of(client), longest)
+    picture = picture_of(request, longest)
     if picture is None:
         raise InputError("Saving a view: expected a rendered picture, found none; tick `Rendered hair` first.")
-    return f"{_stem(page)}.png", encode_png(picture)
+    return f"{_stem(request.scene)}.png", encode_png(picture)
 
 
-def saved_turntable(page: Page, say: Say) -> tuple[str, bytes]:
+def saved_turntable(scene: Scene, say: Say) -> tuple[str, bytes]:
     """A video once around the head: name and content."""
-    renderer = page.scene.renderer
+    renderer = scene.renderer
     if renderer is None:
         raise InputError("Saving a turntable: expected hair with a model that renders it, found none; open a run.")
-    cameras = turntable_cameras(renderer.strands.points, SECONDS * FPS, (SIDE, SIDE))
+    cameras = turntable_cameras(renderer.strands.points, round(SECONDS * FPS), (SIDE, SIDE))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "turntable.mp4"
         with video_writer(path, (SIDE, SIDE), FPS) as write:
             for number, camera in enumerate(cameras, start=1):
                 write(rendered(renderer, camera))
                 say(f"{number} of {len(cameras)}")
-        return f"{_stem(page)}_turntable.mp4", path.read_bytes()
+        return f"{_stem(scene)}_turntable.mp4", path.read_bytes()
 
 
-def saved_edits(page: Page) -> tuple[str, bytes]:
+def saved_edits(scene: Scene) -> tuple[str, bytes]:
     """The edits in force: name and content of a JSON file."""
-    document = {"format": FORMAT, "edits": edits_as_json(page.scene.edits)}
-    return f"{_stem(page)}_edits.json", (json.dumps(document, indent=1) + "\n").encode()
+    document = {"format": FORMAT, "edits": edits_as_json(scene.edits)}
+    return f"{_stem(scene)}_edits.json", (json.dumps(document, indent=1) + "\n").encode()
 
 
-def saved_hair(page: Page, suffix: str) -> tuple[str, bytes]:
+def saved_hair(scene: Scene, suffix: str) -> tuple[str, bytes]:
     """The edited strands for other programs: name and content of a file."""
-    scene = page.scene
     if scene.fitted is None or scene.hair is None:
         raise InputError("Saving the hair: expected strands, found none; undo edits, or open other hair.")
     if suffix == ".abc":
@@ -95,9 +95,9 @@ def saved_hair(page: Page, suffix: str) -> tuple[str, bytes]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"hair{suffix}"
         export_hair(EditedHair(scene.path, scene.fitted, scene.edits, scene.hair), path, ExportConfig(), Blender())
-        return f"{_stem(page)}{suffix}", path.read_bytes()
+        return f"{_stem(scene)}{suffix}", path.read_bytes()
 
 
-def _stem(page: Page) -> str:
+def _stem(scene: Scene) -> str:
     """A file name without suffix that says where the hair is from."""
-    return page.scene.path.stem or "hair"
+    return scene.path.stem or "hair"

@@ -28,18 +28,18 @@ def test_there_are_never_more_pieces_than_allowed():
     assert 1000 < len(ends) <= 2000
 
 
-def test_a_strands_colour_is_its_own_encoded():
-    # Linear 0.2144 is sRGB 0.5004 (IEC 61966-2-1).
+def test_a_strands_colour_is_its_own_in_linear_light():
     given = Strands(torch.rand(4, 5, 3), color=torch.full((4, 3), 0.2144))
     _, colours = strand_lines(given, "hair colour")
-    assert (colours == 128).all()
+    assert (colours == round(0.2144 * 255)).all()
 
 
 def test_the_direction_shows_as_its_components():
+    # A component of 0 shows as sRGB 0.5, which is linear 0.214 (IEC 61966-2-1).
     up = torch.zeros(1, 2, 3)
     up[0, 1, 1] = 1.0
     _, colours = strand_lines(Strands(up), "direction")
-    np.testing.assert_array_equal(colours, np.broadcast_to([128, 255, 128], (1, 2, 3)))
+    np.testing.assert_array_equal(colours, np.broadcast_to([55, 255, 55], (1, 2, 3)))
 
 
 def test_points_that_are_not_finite_are_left_out():

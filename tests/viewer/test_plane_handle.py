@@ -13,7 +13,7 @@ def test_a_level_plane_cuts_what_is_below():
 def test_the_normal_turns_with_the_sheet():
     # A quarter turn about z takes -y to +x.
     quarter = math.sqrt(0.5)
-    assert plane_of((0, 0, 0), (quarter, 0, 0, quarter))[3:] == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
+    assert plane_of((0.0, 0.0, 0.0), (quarter, 0.0, 0.0, quarter))[3:] == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_the_plane_starts_in_the_lower_half_of_the_hair():

@@ -1,5 +1,4 @@
 import json
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -20,15 +19,14 @@ CUT = Haircut(length=0.03, uneven=0.0)
 
 
 @pytest.fixture(scope="module")
-def page(tiny_run):
-    """All that saving needs of a page."""
-    scene = open_run(tiny_run, newest_state(RunFolder(tiny_run)), torch.device("cpu"))
-    return SimpleNamespace(scene=scene.with_edits((CUT,)))
+def scene(tiny_run):
+    """A run whose hair has been cut."""
+    return open_run(tiny_run, newest_state(RunFolder(tiny_run)), torch.device("cpu")).with_edits((CUT,))
 
 
 @pytest.mark.parametrize("suffix", [".usd", ".npz", ".hair", ".glb"])
-def test_saved_hair_is_the_edited_hair(page, tmp_path, suffix):
-    name, content = save_panel.saved_hair(page, suffix)
+def test_saved_hair_is_the_edited_hair(scene, tmp_path, suffix):
+    name, content = save_panel.saved_hair(scene, suffix)
     assert name == f"run{suffix}"
     (tmp_path / name).write_bytes(content)
     if suffix != ".glb":
@@ -37,19 +35,19 @@ def test_saved_hair_is_the_edited_hair(page, tmp_path, suffix):
         assert float(groom.lengths().max()) < 0.0305
 
 
-def test_saved_edits_are_the_list_that_the_command_reads(page, tmp_path):
-    name, content = save_panel.saved_edits(page)
+def test_saved_edits_are_the_list_that_the_command_reads(scene, tmp_path):
+    name, content = save_panel.saved_edits(scene)
     (tmp_path / name).write_bytes(content)
     assert read_edits(tmp_path / name) == [CUT]
     assert json.loads(content)["edits"][0]["edit"] == "haircut"
 
 
-def test_a_turntable_is_a_video_and_says_how_far_it_is(page, tmp_path, monkeypatch):
-    monkeypatch.setattr(save_panel, "SECONDS", 1)
-    monkeypatch.setattr(save_panel, "FPS", 4)
+def test_a_turntable_is_a_video_and_says_how_far_it_is(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(save_panel, "SECONDS", 1.0)
+    monkeypatch.setattr(save_panel, "FPS", 4.0)
     monkeypatch.setattr(save_panel, "SIDE", 64)
     said = []
-    name, content = save_panel.saved_turntable(page, said.append)
+    name, content = save_panel.saved_turntable(scene, said.append)
     assert said == ["1 of 4", "2 of 4", "3 of 4", "4 of 4"]
     (tmp_path / name).write_bytes(content)
     video = cv2.VideoCapture(str(tmp_path / name))
@@ -61,8 +59,8 @@ def test_a_turntable_is_a_video_and_says_how_far_it_is(page, tmp_path, monkeypat
     assert np.abs(frames[0].astype(int) - frames[2]).mean() > 1
 
 
-def test_what_is_not_there_cannot_be_saved(page, tmp_path):
-    bare = SimpleNamespace(scene=Scene(tmp_path, "capture"))
+def test_what_is_not_there_cannot_be_saved(scene, tmp_path):
+    bare = Scene(tmp_path, "capture")
     with pytest.raises(InputError, match="found none"):
         save_panel.saved_hair(bare, ".usd")
     with pytest.raises(InputError, match="found none"):

@@ -10,10 +10,11 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.runs.newest_model import newest_state
 from neural_strands.runs.run_folder import RunFolder
 from neural_strands.viewer.open_scene import open_run
+from neural_strands.viewer.page import Page
 from neural_strands.viewer.wind_player import WindPlayer, thinned
 
 
-class FakePage:
+class FakePage(Page):
     """A page that remembers the moments it was shown."""
 
     def __init__(self, scene):
