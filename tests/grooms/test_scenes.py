@@ -27,6 +27,8 @@ import bpy
 import numpy as np
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
+# Alembic keeps time in seconds.
+bpy.context.scene.render.fps = 12
 path = sys.argv[-1]
 (bpy.ops.wm.alembic_import if path.endswith(".abc") else bpy.ops.wm.usd_import)(filepath=path)
 found = {}
