@@ -12,26 +12,36 @@ from typing import Any
 
 from neural_strands.editing.density import change_density
 from neural_strands.editing.hair import Hair, ScalpShape
-from neural_strands.editing.haircut import cut_hair
-from neural_strands.editing.settings import Density, Edit, Haircut, Wind
+from neural_strands.editing.haircut import arc_lengths, cut_hair
+from neural_strands.editing.mix import blend, transfer
+from neural_strands.editing.outside import CLEARANCE, follow_outside
+from neural_strands.editing.restyle import restyle
+from neural_strands.editing.sample import sample_style
+from neural_strands.editing.settings import KINDS, Blend, Density, Edit, Haircut, Restyle, Sample, Transfer, Wind
 from neural_strands.editing.wind import BlownHair
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.json_files import JsonValue, check_format, read_json
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
-from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.strands import Strands, segments
 from neural_strands.model.hair_model import HairModel
 
 FORMAT = 1
 """Version of the list's layout."""
-KINDS: dict[str, type[Edit]] = {"haircut": Haircut, "density": Density, "wind": Wind}
-"""The edits, by the name under which JSON and the command line know them."""
-OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {Density: change_density}
+OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {
+    Density: change_density,
+    Restyle: restyle,
+    Blend: blend,
+    Transfer: transfer,
+    Sample: sample_style,
+}
 """What carries out the edits of the scalp textures and of their roots."""
 OF_STRANDS: dict[type, Callable[[Any, Strands], Strands]] = {Haircut: cut_hair}
 """What carries out the edits of strands."""
 BODY_SPACING = 0.005
 """Metres between the nodes of the grid of distances to head and body."""
+RISE = 0.3
+"""How fast strands of a new shape leave the skin: height over length."""
 NAME = "edit"
 """The member of each edit in JSON that says which it is."""
 
@@ -50,6 +60,8 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
         for edit in of_textures:
             shape = OF_TEXTURES[type(edit)](edit, shape, model)
         strands = shape.decode(model)
+        if any(type(edit) is not Density for edit in of_textures):
+            strands = kept_outside(strands, model)
     for edit in edits:
         if type(edit) in OF_STRANDS:
             strands = OF_STRANDS[type(edit)](edit, strands)
@@ -62,6 +74,16 @@ def hair_motion(hair: Hair, edits: Sequence[Edit]) -> BlownHair | None:
     return (
         None if wind is None else BlownHair(wind, hair.strands, None if hair.model is None else body_grid(hair.model))
     )
+
+
+def kept_outside(strands: Strands, model: HairModel) -> Strands:
+    """Strands of a new shape, led around the head where they would enter it."""
+    body = body_grid(model)
+    if body is None:
+        return strands
+    rising = (RISE * arc_lengths(strands.points)).clamp(max=CLEARANCE)
+    points = follow_outside(strands.points[:, 0], segments(strands.points), body, rising)
+    return dataclasses.replace(strands, points=points)
 
 
 def body_grid(model: HairModel) -> SignedDistanceGrid | None:

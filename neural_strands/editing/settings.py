@@ -66,6 +66,58 @@ class Density:
 
 
 @dataclass(frozen=True)
+class Restyle:
+    """Change length, curl, wave and volume through the quantities of the strand prior that stand for them."""
+
+    length: Annotated[float, Between(0.1, 5.0)] = 1.0
+    """Factor of the length of every strand."""
+    curl: Annotated[float, Between(-1.0, 2.0)] = 0.0
+    """Helical curls, from 0 (as it is) to 1 (curls of a centimetre) and beyond; -1 straightens."""
+    wave: Annotated[float, Between(0.0, 2.0)] = 0.0
+    """Flat waves, from 0 (as it is) to 1 and beyond."""
+    volume: Annotated[float, Between(-1.0, 2.0)] = 0.0
+    """How far strands stand off the scalp: 1 raises them by about 20 degrees, -1 lays them down as far."""
+    region: Dabs = ()
+    """Dabs on the scalp chart (u, v, radius); without any, the whole scalp changes."""
+    seed: int = 0
+    """Seed of where curls and waves begin."""
+
+    def __post_init__(self) -> None:
+        if self.curl > 0 and self.wave > 0:
+            raise InputError("restyle: expected curl or wave above 0, found both; give one.")
+
+
+@dataclass(frozen=True)
+class Blend:
+    """Mix the shape of another run into this one; the appearance stays."""
+
+    other: str
+    """The other run, or the folder of its model."""
+    share: Annotated[float, Between(0.0, 1.0)] = 0.5
+    """Share of the other run, from 0 to 1."""
+    region: Dabs = ()
+    """Dabs on the scalp chart (u, v, radius); without any, the whole scalp changes."""
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Give this head and appearance the shape of another run."""
+
+    other: str
+    """The other run, or the folder of its model."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Grow a new hairstyle that the strand prior draws; the appearance stays."""
+
+    variety: Annotated[float, Between(0.0, 2.0)] = 0.3
+    """How much strands differ over the scalp, in deviations of the prior."""
+    seed: int = 0
+    """Seed of the hairstyle."""
+
+
+@dataclass(frozen=True)
 class Wind:
     """Let wind move the hair: gusts that travel through it bend strands, the more the farther from the root."""
 
@@ -92,5 +144,15 @@ class Wind:
         return max(1, round(self.seconds * self.fps))
 
 
-Edit = Haircut | Density | Wind
+Edit = Haircut | Density | Restyle | Blend | Transfer | Sample | Wind
 """Any edit."""
+KINDS: dict[str, type[Edit]] = {
+    "haircut": Haircut,
+    "density": Density,
+    "restyle": Restyle,
+    "blend": Blend,
+    "transfer": Transfer,
+    "sample": Sample,
+    "wind": Wind,
+}
+"""The edits, by the name under which JSON and the command line know them."""

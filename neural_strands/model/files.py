@@ -19,6 +19,8 @@ from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.scalp.roots import Roots
 
 CONFIG_NAME = "config.json"
+MODEL_NAME = "model"
+"""The folder of the model inside a run."""
 WEIGHTS_NAME = "model.safetensors"
 FORMAT = 6
 """Version of the folder's layout."""
@@ -57,6 +59,11 @@ def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None
     with atomic_folder(folder) as temporary:
         (temporary / CONFIG_NAME).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
         (temporary / WEIGHTS_NAME).write_bytes(save(tensors))
+
+
+def find_hair_model(path: Path) -> Path:
+    """The folder of the model that a path names: itself, or `model` inside a run."""
+    return path if (path / CONFIG_NAME).is_file() else path / MODEL_NAME
 
 
 def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairModel:

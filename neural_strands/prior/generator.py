@@ -99,10 +99,13 @@ class StrandGenerator(nn.Module):
 
     def raw(self, latent: Float[Tensor, "strand latent"]) -> Raw:
         """The modulator and its linear map: quantities with a meaning."""
+        return self.split(self.linear(self.modulator(latent)))
+
+    def split(self, flat: Float[Tensor, "strand raw"]) -> Raw:
+        """Inverse of `Raw.flat`."""
         inner = self.config.synthesiser
         sizes = [1, 1, 1, inner.warps, 3 * inner.units, 3 * inner.smooth]
-        parts = self.linear(self.modulator(latent)).split(sizes, dim=1)
-        length, gain, frequency, warp, unit, smooth = parts
+        length, gain, frequency, warp, unit, smooth = flat.split(sizes, dim=1)
         return Raw(
             length[:, 0],
             gain[:, 0],

@@ -22,7 +22,7 @@ from neural_strands.foundation.json_files import check_format, read_json
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import read_groom, write_groom
-from neural_strands.model.files import CONFIG_NAME, load_hair_model
+from neural_strands.model.files import find_hair_model, load_hair_model
 from neural_strands.runs.run_folder import LONGEST_PATH, RunFolder, place_now
 
 EDIT_NAME = "edit.json"
@@ -70,9 +70,8 @@ def open_hair(path: Path, device: torch.device | str = "cpu") -> EditedHair:
     if (path / EDIT_NAME).is_file():
         return _open_edited(path, device)
     if path.is_dir():
-        run = RunFolder(path)
-        model = load_hair_model(path if (path / CONFIG_NAME).is_file() else run.model, device).eval()
-        hair = _coloured(Hair.of(model), run.groom_arrays)
+        model = load_hair_model(find_hair_model(path), device).eval()
+        hair = _coloured(Hair.of(model), RunFolder(path).groom_arrays)
     else:
         hair = Hair(_strands(read_groom(path)).to(device))
     return EditedHair(path, hair, (), hair)

@@ -14,6 +14,7 @@ from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.json_files import check_format, read_json
+from neural_strands.model.files import MODEL_NAME
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 
@@ -56,7 +57,7 @@ class RunFolder:
     @property
     def model(self) -> Path:
         """The hair model that renders."""
-        return self.path / "model"
+        return self.path / MODEL_NAME
 
     @property
     def groom(self) -> Path:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
-from neural_strands.editing.settings import Density, Haircut, Wind
+from neural_strands.editing.settings import Blend, Density, Haircut, Restyle, Sample, Transfer, Wind
 from neural_strands.foundation.configs import check_config
 from neural_strands.foundation.errors import InputError
 
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 Kind = (
     Annotated[Haircut, tyro.conf.subcommand("haircut")]
     | Annotated[Density, tyro.conf.subcommand("density")]
+    | Annotated[Restyle, tyro.conf.subcommand("restyle")]
+    | Annotated[Blend, tyro.conf.subcommand("blend")]
+    | Annotated[Transfer, tyro.conf.subcommand("transfer")]
+    | Annotated[Sample, tyro.conf.subcommand("sample")]
     | Annotated[Wind, tyro.conf.subcommand("wind")]
 )
 

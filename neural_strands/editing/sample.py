@@ -1,0 +1,42 @@
+"""New hairstyles from the strand prior: a smooth random field of latents over the scalp."""
+
+from dataclasses import replace
+
+import torch
+from torch.nn import functional
+
+from neural_strands.editing.hair import ScalpShape
+from neural_strands.editing.settings import Sample
+from neural_strands.foundation.errors import InputError
+from neural_strands.model.hair_model import HairModel
+from neural_strands.prior.vae import load_prior
+
+COARSE = 12
+"""Random latents along each side of the chart; between them strands change smoothly."""
+
+
+@torch.no_grad()
+def sample_style(sample: Sample, shape: ScalpShape, model: HairModel) -> ScalpShape:
+    """One draw of the prior for the whole scalp, with smooth variation around it.
+
+    Latents of a fit are the output of the prior's modulator (`StrandPrior.without_modulator`), in which samples of
+    N(0, I) look less like hair; so latents are drawn before the modulator, and pass through it.
+
+    Raises:
+        InputError: the model was fitted with another prior than that of the package.
+    """
+    prior = load_prior(device=shape.texture.device)
+    if not torch.equal(prior.generator.linear.weight, model.generator.linear.weight):
+        raise InputError(
+            "sample: expected a model with the strand prior that ships with the package, found another; fit with that."
+        )
+    random = torch.Generator().manual_seed(sample.seed)
+    rows, columns, size = shape.texture.shape
+    # Both parts together have the prior's unit deviation.
+    common = torch.randn(size, 1, 1, generator=random) / (1 + sample.variety**2) ** 0.5
+    field = torch.randn(1, size, COARSE, COARSE, generator=random) * sample.variety / (1 + sample.variety**2) ** 0.5
+    smooth = functional.interpolate(field, size=(rows, columns), mode="bicubic", align_corners=True)[0]
+    latent = (common + smooth).permute(1, 2, 0).reshape(-1, size).to(shape.texture)
+    if not len(model.generator.modulator.state_dict()):
+        latent = prior.generator.modulator(latent)
+    return replace(shape, texture=latent.reshape(shape.texture.shape))
