@@ -1,5 +1,6 @@
 """The scripts in examples/ run on a small capture and leave what they promise."""
 
+import os
 import re
 import runpy
 import subprocess
@@ -68,6 +69,18 @@ def test_own_loss(workspace, capsys):
     assert error[1] < 0.5 * error[0]
     told = [float(found) for found in re.findall(r"off by ([\d.]+) m", capsys.readouterr().out)]
     assert told[0] == pytest.approx(error[0], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_blend_hair(made_workspace, tmp_path):
+    assert callable(main_of("06_blend_hair.py"))
+    python = os.environ.get("NEURAL_STRANDS_BLENDER")
+    if python is None:
+        pytest.skip("NEURAL_STRANDS_BLENDER names no Python with bpy")
+    ns.write_groom(tmp_path / "hair.usd", ns.read_groom(made_workspace / "run" / "groom.npz"))
+    command = [python, FOLDER / "06_blend_hair.py", tmp_path / "hair.usd", tmp_path / "hair.blend"]
+    subprocess.run(command, capture_output=True, timeout=300, check=True)
+    assert (tmp_path / "hair.blend").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)

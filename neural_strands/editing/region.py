@@ -16,7 +16,9 @@ DABS_AT_ONCE = 64
 
 def region_weight(uv: Float[Tensor, "root 2"], dabs: Dabs) -> Float[Tensor, " root"]:
     """How much of an edit each root takes: 1 everywhere without dabs, otherwise that of the strongest dab."""
-    weight = uv.new_zeros(len(uv)) if dabs else uv.new_ones(len(uv))
+    if not dabs:
+        return uv.new_ones(len(uv))
+    weight = uv.new_zeros(len(uv))
     painted = uv.new_tensor(dabs).reshape(-1, 3)
     for part in painted.split(DABS_AT_ONCE):
         share = torch.cdist(uv, part[:, :2]) / part[:, 2].clamp(min=1e-9)

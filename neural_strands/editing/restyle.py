@@ -25,11 +25,11 @@ from neural_strands.prior.bounded_quantities import length_from_raw, logit_betwe
 from neural_strands.prior.generator import LARGEST_GAIN, Raw, StrandGenerator
 from neural_strands.prior.modulator import CouplingModulator
 
-CURL_PITCH, CURL_SLOPE = 0.028, 0.8
+CURL_PITCH, CURL_SLOPE = 0.045, 1.3
 """Length of a turn of a curl, metres, and 2 pi radius / pitch of a curl of 1."""
-WAVE_PITCH, WAVE_SLOPE = 0.05, 0.55
+WAVE_PITCH, WAVE_SLOPE = 0.07, 0.8
 """The same of a wave."""
-LOCK = 0.04
+LOCK = 0.1
 """Size of the locks whose curls begin together, in the chart's unit."""
 RAISED = math.radians(20.0)
 """By how much a volume of 1 raises the headings of strands, radians."""
@@ -87,7 +87,7 @@ def lock_phases(uv: Float[Tensor, "texel 2"], seed: int) -> Float[Tensor, " texe
     random = torch.Generator().manual_seed(seed)
     turn, start = 2 * math.pi * torch.rand(2, 6, generator=random)
     waves = torch.stack([turn.cos(), turn.sin()]) * (2 * math.pi / LOCK) * torch.linspace(0.3, 1.0, 6)
-    return 2.0 * torch.sin(uv @ waves.to(uv) + start.to(uv)).sum(dim=1)
+    return 0.8 * torch.sin(uv @ waves.to(uv) + start.to(uv)).sum(dim=1)
 
 
 def _restyled(

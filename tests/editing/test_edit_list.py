@@ -40,7 +40,7 @@ def test_edits_of_textures_need_a_model():
 @pytest.mark.parametrize(
     ("edits", "message"),
     [
-        ([{"edit": "comb"}], r"edits\[0\].edit: expected one of haircut, density"),
+        ([{"edit": "comb"}], r"edits\[0\].edit: expected one of haircut, density, restyle"),
         ([{"length": 0.1}], "expected a value under 'edit'"),
         ([{"edit": "haircut", "length": -1}], r"edits\[0\].length: expected a finite number from 0.001 to 10.0"),
         ([{"edit": "haircut", "lenght": 1}], r"edits\[0\].lenght: expected a setting that Haircut has"),
