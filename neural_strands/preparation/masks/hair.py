@@ -24,7 +24,7 @@ from neural_strands.preparation.photographs.folder import read_picture
 LONGEST_SIDE = 1024
 """Pixels at which masks are computed; larger pictures get theirs enlarged."""
 ROUNDS = 2
-STRENGTH = 0.03
+STRENGTH = 0.06
 """Of the evidence against a link of the random walk."""
 SURE = 0.9
 """Probability from which a pixel teaches a colour."""
@@ -35,7 +35,7 @@ DOUBT = 0.1
 """Weight with which a pixel teaches the colours of skin or clothes though those of hair explain it better."""
 FRONTAL = 0.7
 """Cosine to the front from which a view shows the face: from the side hair hangs before it."""
-WISPS, WISP_WEIGHT = 0.012, 0.4
+WISPS, WISP_WEIGHT = 0.012, 0.6
 """Metres about the person's outline in which hair may stick out of it, and how likely the person is there."""
 FEWEST_VOTES = 2
 LOOSE = 1.5
