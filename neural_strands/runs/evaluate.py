@@ -1,6 +1,7 @@
 """Evaluation of a finished or stopped fit: figures, and the report page."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,16 @@ from neural_strands.evaluation.geometry_metrics import (
 )
 from neural_strands.evaluation.lpips import TRAINING_NETWORK, find_lpips, training_note
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
+from neural_strands.evaluation.strands_in_view import StrandsInView, mean_strands_in_view, strands_in_view
 from neural_strands.evaluation.timing import time_function
 from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, mean_quality, view_qualities
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.views import View
+from neural_strands.geometry.views import Views
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.renderer import HairRenderer
+from neural_strands.runs.outputs import strands_unseen
 from neural_strands.runs.run_folder import RunFolder, fingerprint, found_again, read_description
 from neural_strands.runs.run_log import read_log
 from neural_strands.scalp.head import Head
@@ -42,6 +45,8 @@ class Evaluation:
         head_fit: position of the strands relative to the head.
         views: held-out views; training views where none was held out.
         held_out: whether `views` were held out.
+        in_views: how the drawn strands agree with the photographs of `views`, which needs no ground truth.
+        unseen: percent of the strands of which more than half lies where no photograph could see it.
         decode_ms: milliseconds to decode all strands.
         render_ms: milliseconds to render one view of decoded strands.
         lpips_note: why LPIPS is absent, or that this run was trained with it, or empty.
@@ -52,6 +57,8 @@ class Evaluation:
     head_fit: HeadFit | None
     views: list[ViewQuality]
     held_out: bool
+    in_views: tuple[StrandsInView, ...]
+    unseen: float
     decode_ms: float
     render_ms: float
     lpips_note: str
@@ -69,6 +76,8 @@ class Evaluation:
                 "alpha": means["alpha"],
                 "lpips_note": self.lpips_note,
             },
+            "strands_in_views_percent": mean_strands_in_view(self.in_views).as_dict(),
+            "unseen_strands_percent": self.unseen,
             "milliseconds": {"decode": self.decode_ms, "render": self.render_ms},
         }
         for name, scores in (("strands", self.ours), ("lmvs", self.lmvs)):
@@ -149,7 +158,8 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         lmvs = score_geometry(sample_segments(run.segments), true_points, THRESHOLDS, with_consistency=False)
     metric, absent = find_lpips(TRAINING_NETWORK, device)
     photographs = run.capture.views_on(device)
-    views = view_qualities((_rendered_view(run.renderer, photographs[index]) for index in run.shown), metric)
+    in_views: list[StrandsInView] = []
+    views = view_qualities(_rendered_views(run, photographs, in_views), metric)
     camera = photographs.cameras[run.shown[0]]
     with torch.no_grad():
         decode = time_function(run.renderer.model.decode, device, runs=3)
@@ -160,6 +170,8 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         head_fit=fit_to_head(mine, run.head.mesh, run.head.scalp_faces),
         views=views,
         held_out=run.held_out,
+        in_views=tuple(in_views),
+        unseen=_unseen_percent(run, photographs),
         decode_ms=1e3 * decode.median,
         render_ms=1e3 * render.median,
         lpips_note=absent or training_note(TRAINING_NETWORK),
@@ -179,7 +191,17 @@ def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
     return series
 
 
-def _rendered_view(renderer: HairRenderer, view: View) -> RenderedView:
-    """A view as the model renders it, beside its photograph."""
-    output = renderer.render(view.camera)
-    return RenderedView(view.camera.name, output.rgb.clamp(0, 1), view.image, view.hair_mask, output.alpha)
+def _rendered_views(run: RunContents, photographs: Views, in_views: list[StrandsInView]) -> Iterator[RenderedView]:
+    """Each evaluated view as the model renders it, beside its photograph; how its strands agree joins `in_views`."""
+    for index in run.shown:
+        view = photographs[index]
+        output = run.renderer.render(view.camera)
+        in_views.append(strands_in_view(output.lines, run.renderer.strands.points, output.alpha, view))
+        yield RenderedView(view.camera.name, output.rgb.clamp(0, 1), view.image, view.hair_mask, output.alpha)
+
+
+def _unseen_percent(run: RunContents, photographs: Views) -> float:
+    """Percent of the strands of which the fit's photographs see less than half."""
+    held_out = set(run.shown) if run.held_out else set()
+    used = [camera for index, camera in enumerate(photographs.cameras) if index not in held_out]
+    return 100 * float((strands_unseen(run.renderer.strands, used, run.head.mesh) > 0.5).float().mean())

@@ -6,6 +6,8 @@ from torch import Tensor
 
 from neural_strands.evaluation.geometry_metrics import GeometryScore
 from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
+from neural_strands.evaluation.strands_in_view import HEADS as STRAND_HEADS
+from neural_strands.evaluation.strands_in_view import mean_strands_in_view
 from neural_strands.evaluation.view_quality import HEADS, mean_quality
 from neural_strands.fitting.trimap import reference_alpha
 from neural_strands.geometry.rectangle import Rectangle
@@ -41,7 +43,7 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     Raises:
         InputError: the folder cannot be written.
     """
-    tables = [_images_table(result), _time_table(result)]
+    tables = [_images_table(result), _strands_table(result), _time_table(result)]
     if result.ours:
         tables.insert(0, _geometry_table(result))
     turntable, stills = _turntable(run)
@@ -92,6 +94,17 @@ def _images_table(result: Evaluation) -> Table:
     rows += [("mean", *mean_quality(result.views).cells()), PAPER_IMAGES]
     title = "Held-out views" if result.held_out else "Training views (none was held out)"
     return Table(title, ("", *HEADS), tuple(rows), result.lpips_note)
+
+
+def _strands_table(result: Evaluation) -> Table:
+    names = [each.view.name for each in result.views]
+    rows = [(f"view {name}", *found.cells()) for name, found in zip(names, result.in_views, strict=True)]
+    rows.append(("mean", *mean_strands_in_view(result.in_views).cells()))
+    note = (
+        "Direction: share of the hair, by confidence, where drawn strands run within 20° of the photograph's streaks. "
+        f"{result.unseen:.1f} % of the strands lie mostly where no photograph could see them; they are guessed."
+    )
+    return Table("Strands in the photographs", ("", *STRAND_HEADS), tuple(rows), note)
 
 
 def _time_table(result: Evaluation) -> Table:

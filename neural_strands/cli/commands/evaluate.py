@@ -22,10 +22,14 @@ class Evaluate:
     json: bool = False
     """Print one JSON object: strands and lmvs (percent at each threshold, where there is a ground truth),
     held_out_views (psnr in dB, ssim and lpips in the hair region; the same under "image" over the whole image; the
-    error of the "alpha" map; in "lpips_note" that LPIPS is a training loss too), milliseconds, inside_head_percent."""
+    error of the "alpha" map; in "lpips_note" that LPIPS is a training loss too), strands_in_views_percent (of the same
+    views: "direction", drawn strands within 20 degrees of the photograph's streaks, and hair "on_background"),
+    unseen_strands_percent, milliseconds, inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""
+        from neural_strands.evaluation.strands_in_view import HEADS as STRAND_HEADS
+        from neural_strands.evaluation.strands_in_view import mean_strands_in_view
         from neural_strands.evaluation.view_quality import HEADS, mean_quality
         from neural_strands.runs.evaluate import evaluate_run, open_run
         from neural_strands.runs.report import write_report
@@ -48,6 +52,9 @@ class Evaluate:
         sys.stdout.write(f"mean of {views}\n")
         for head, cell in zip(HEADS, mean_quality(result.views).cells(), strict=True):
             sys.stdout.write(f"views    {head:16} {cell:>8}\n")
+        for head, cell in zip(STRAND_HEADS, mean_strands_in_view(result.in_views).cells(), strict=True):
+            sys.stdout.write(f"strands  {head:16} {cell:>8}\n")
+        sys.stdout.write(f"strands that no photograph could see: {result.unseen:.1f} %\n")
         sys.stdout.write(f"{result.lpips_note}\n" if result.lpips_note else "")
         sys.stdout.write(f"decode {result.decode_ms:.1f} ms, render {result.render_ms:.1f} ms\n")
         sys.stdout.write(f"{run.folder.report / 'index.html'}\n")
