@@ -50,6 +50,8 @@ class UnseenConfig:
     """Metres from seen hair at which gravity says as much as the hair beside."""
     climb: Annotated[float, Between(1e-3, 1e3)] = 0.04
     """Metres of a strand in which it covers two thirds of the way from the skin to the surface of the hair."""
+    steepest: Annotated[float, Between(0, 10)] = 0.35
+    """Largest slope of that climb: hair that hangs far from a neck does not leave the skin there."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ def guess_unseen(
     kept = flat.index_fill(0, voxels[unseen], False) if masked else flat
     bounded = kept.index_fill(0, voxels[shell], True).reshape(domain.shape)
     lying = layer.grid.sample(directions, places[shell], outside="border")
-    place = OverHead(outward, distance, (thickness - distance).clamp(min=0) / config.climb)
+    place = OverHead(outward, distance, climbing(thickness, distance, config))
     guess = UnseenHair(voxels[shell], place.select(shell), lying)
     return bounded, guess
 
@@ -287,7 +289,7 @@ def lying_directions(
     cells = torch.nonzero((about | fixed).reshape(-1)).squeeze(1)
     neighbours = face_neighbours(about | fixed)
     start = pull_push(known, fixed.to(known)).reshape(-1, 3)
-    value, rise = start[cells], (thickness - layer.distance).clamp(min=0) / config.climb
+    value, rise = start[cells], climbing(thickness, layer.distance, config)
     place = OverHead(layer.outward.reshape(-1, 3), layer.distance.reshape(-1), rise.reshape(-1)).select(cells)
     given, is_fixed = known.reshape(-1, 3)[cells], fixed.reshape(-1)[cells, None]
     is_unseen = layer.unseen.reshape(-1)[cells, None] > 0.5
@@ -299,6 +301,13 @@ def lying_directions(
         lying = along_head(mean + pull * down, place)
         value = torch.where(is_fixed, given, torch.where(is_unseen, lying, mean))
     return start.index_copy(0, cells, value).reshape(*layer.grid.shape, 3)
+
+
+def climbing(
+    thickness: Float[Tensor, "*place"], distance: Float[Tensor, "*place"], config: UnseenConfig
+) -> Float[Tensor, "*place"]:
+    """Slope at which hair climbs away from the head: none at the hair's surface, at most `steepest`."""
+    return ((thickness - distance).clamp(min=0) / config.climb).clamp(max=config.steepest)
 
 
 def along_head(directions: Float[Tensor, "cell 3"], place: OverHead) -> Float[Tensor, "cell 3"]:

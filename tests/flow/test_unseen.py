@@ -12,6 +12,7 @@ from neural_strands.flow.unseen import (
     UnseenConfig,
     along_head,
     bare_skin,
+    climbing,
     guess_unseen,
     hair_extent,
     hanging,
@@ -92,8 +93,14 @@ def test_directions_keep_to_the_head_and_hair_may_fall_from_an_overhang():
     torch.testing.assert_close(laid(0.06), given)
     torch.testing.assert_close(laid(0.0375), 0.5 * (given + expected))
     # Where hair climbs, it does so at least at this slope.
-    climbing = (laid(0.02, 0.3) * outward).sum(dim=-1)
-    torch.testing.assert_close(climbing, torch.maximum((expected * outward).sum(dim=-1), 0.3 * given.norm(dim=-1)))
+    slope = (laid(0.02, 0.3) * outward).sum(dim=-1)
+    torch.testing.assert_close(slope, torch.maximum((expected * outward).sum(dim=-1), 0.3 * given.norm(dim=-1)))
+
+
+def test_hair_climbs_to_its_surface_and_never_steeply():
+    thickness, distance = torch.tensor([0.012, 0.012, 0.012, 0.08]), torch.tensor([0.0, 0.008, 0.02, 0.0])
+    expected = torch.tensor([0.3, 0.1, 0.0, 0.35])
+    torch.testing.assert_close(climbing(thickness, distance, UnseenConfig(climb=0.04, steepest=0.35)), expected)
 
 
 def test_hair_hangs_from_its_lowest_voxel():
@@ -145,7 +152,7 @@ def test_unseen_hair_lies_down_within_a_shell(ball: Mesh, front: list[HeadView],
     down = torch.tensor([0.0, -1.0, 0.0])
     rise, falling = (direction * outward).sum(dim=-1), (outward @ down).clamp(min=0)
     distance = places.norm(dim=-1) - RADIUS
-    climb = (THICK - distance).clamp(min=0) / UnseenConfig().climb
+    climb = climbing(torch.tensor(THICK), distance, UnseenConfig())
     held = distance < HELD
     assert ((rise > -0.15) & (rise < torch.maximum(falling, climb) + 0.15))[held].float().mean() > 0.95
     meridian = torch.nn.functional.normalize(down - (outward @ down)[:, None] * outward, dim=-1)
