@@ -152,7 +152,7 @@ def test_unseen_hair_lies_down_within_a_shell(ball: Mesh, front: list[HeadView],
     down = torch.tensor([0.0, -1.0, 0.0])
     rise, falling = (direction * outward).sum(dim=-1), (outward @ down).clamp(min=0)
     distance = places.norm(dim=-1) - RADIUS
-    climb = climbing(torch.tensor(THICK), distance, UnseenConfig())
+    climb = climbing(torch.full_like(distance, THICK), distance, UnseenConfig())
     held = distance < HELD
     assert ((rise > -0.15) & (rise < torch.maximum(falling, climb) + 0.15))[held].float().mean() > 0.95
     meridian = torch.nn.functional.normalize(down - (outward @ down)[:, None] * outward, dim=-1)
