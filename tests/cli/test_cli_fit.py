@@ -54,11 +54,17 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     torch.testing.assert_close(groom.vertices, arrays.vertices, atol=1e-6, rtol=0)
     assert arrays.root_uv is not None
     assert arrays.color is not None
+    assert arrays.unseen is not None
+    assert ((arrays.unseen >= 0) & (arrays.unseen <= 1)).all()
     assert len((run / "log.jsonl").read_text().splitlines()) == 8
     assert main(["evaluate", str(run), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["held_out_views"]["count"] == 1
     assert figures["lmvs"]["1mm/10deg"]["precision"] > 95.0
+    assert figures["unseen_strands_percent"] == pytest.approx(100 * float((arrays.unseen > 0.5).float().mean()))
+    in_views = figures["strands_in_views_percent"]
+    assert 0 <= in_views["direction"] <= 100
+    assert 0 <= in_views["on_background"] < 50
     for threshold, chance in chance_scores(arrays, true_strands).items():
         assert 100 >= figures["strands"][threshold]["f_score"] > 2 * chance > 0, threshold
     page = (run / "report" / "index.html").read_text()
@@ -71,6 +77,8 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     np.testing.assert_array_equal(shown["photograph"], photograph)
     assert shown["rendered 004.png"].shape == photograph.shape
     assert shown["rendered 004.png"].std() > 0
+    strands = read.tables["Strands in the photographs"][2]
+    assert strands == ["mean", f"{in_views['direction']:.1f}", f"{in_views['on_background']:.1f}"]
     mean = read.tables["Held-out views"][2]
     assert mean[:2] == ["mean", f"{figures['held_out_views']['psnr']:.2f}"]
 
