@@ -23,6 +23,9 @@ from neural_strands.prior.vae import StrandPrior
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
 
+VOXEL_BYTES = 180
+"""Bytes of all arrays together that `hair_flow` holds at its peak for each voxel of its grid (152 and 181 measured)."""
+
 
 @dataclass(frozen=True)
 class InitialConfig:
@@ -38,6 +41,11 @@ class InitialConfig:
     """How hair that no view sees is continued from what is seen."""
     trace: TraceConfig = field(default_factory=TraceConfig)
     """Streamlines from the scalp."""
+
+
+def flow_memory(points: Float[Tensor, "point 3"], config: FlowConfig) -> int:
+    """Bytes that `hair_flow` takes at its peak, for hair and roots at these points."""
+    return VOXEL_BYTES * grid_around(points, config.spacing, config.margin).count
 
 
 def hair_flow(segments: LineSegments, views: Views, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:

@@ -1,6 +1,6 @@
 """Photographs with the cameras that took them and the masks that belong to them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -62,6 +62,12 @@ class Views:
     cameras: tuple[Camera, ...]
     has_hair_mask: tuple[bool, ...]
     read: Callable[[int, Part], Tensor | None]
+
+    @classmethod
+    def in_memory(cls, views: Sequence[View]) -> "Views":
+        """Views that are in memory already, for what reads them one at a time."""
+        cameras, masked = tuple(view.camera for view in views), tuple(view.hair_mask is not None for view in views)
+        return cls(cameras, masked, lambda index, part: getattr(views[index], part))
 
     def __len__(self) -> int:
         return len(self.cameras)

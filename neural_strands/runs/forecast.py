@@ -8,22 +8,20 @@ from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.timing import peak_memory
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.first_model import begin
+from neural_strands.fitting.first_strands import flow_memory
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.schedule import appearance_begins
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.prior.vae import StrandPrior
+from neural_strands.runs.stereo_trial import stereo_seconds
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import sample_roots
 
 STAND_IN_POINTS = 20_000
 STAND_IN_HEIGHT = 0.01
 """Height of the stand-in segments above the scalp, metres."""
-STEREO_SECONDS = 25.0
-"""Line-based multi-view stereo, seconds per megapixel of photographs on two CPU cores; less on CUDA."""
-TRACING_BYTES = 800_000_000
-"""The largest measured addition of tracing first strands to the peak of the trial steps, bytes."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +29,14 @@ class Forecast:
     """Expected cost of a fit.
 
     Attributes:
-        stereo_seconds: line-based multi-view stereo; 0 when segments are given.
+        stereo_seconds: line-based multi-view stereo; 0 when segments are given, None if a trial was not possible.
         shape_seconds: one step that moves strands by geometry.
         image_seconds: one step that sees an image.
         fit_seconds: all steps.
-        memory_bytes: the peak of the trial steps plus that of tracing.
+        memory_bytes: the peak of the trial steps plus that of tracing first strands.
     """
 
-    stereo_seconds: float
+    stereo_seconds: float | None
     shape_seconds: float
     image_seconds: float
     fit_seconds: float
@@ -46,10 +44,14 @@ class Forecast:
 
     def sentence(self) -> str:
         """The forecast as a sentence for the user."""
-        stereo, steps = self.stereo_seconds / 60, self.fit_seconds / 60
+        steps = self.fit_seconds / 60
+        if self.stereo_seconds is None:
+            minutes = f"stereo, whose time is unknown, and about {steps:.1f} minutes for the steps"
+        else:
+            stereo = self.stereo_seconds / 60
+            minutes = f"about {stereo + steps:.1f} minutes: {stereo:.1f} for stereo, {steps:.1f} for the steps"
         return (
-            f"expect about {stereo + steps:.1f} minutes: {stereo:.1f} for stereo, {steps:.1f} for the steps "
-            f"({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
+            f"expect {minutes} ({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
             f"memory about {self.memory_bytes / 1e9:.1f} GB"
         )
 
@@ -61,9 +63,9 @@ def forecast(
     config: FitConfig,
     perceptual: Perceptual | None,
     device: torch.device,
-    with_stereo: bool,
+    segments: LineSegments | None,
 ) -> Forecast:
-    """Time a few steps on points above the scalp that stand in for the segments.
+    """Time a few steps on points above the scalp that stand in for the segments, and a trial of stereo.
 
     Args:
         capture: all views.
@@ -72,7 +74,8 @@ def forecast(
         config: of the fit to come.
         perceptual: as the fit will use it.
         device: where the fit will run.
-        with_stereo: whether segments have to be computed first.
+        segments: those of the fit; None if stereo has to compute them first. Without them, the room that hair takes is
+            unknown, and memory is that of hair as large as the head mesh.
     """
     roots = sample_roots(head.to("cpu"), STAND_IN_POINTS, torch.Generator().manual_seed(config.seed))
     points = roots.position + STAND_IN_HEIGHT * roots.normal
@@ -84,13 +87,18 @@ def forecast(
     fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:3]), sum(sorted(seconds[3:])[:2]) / 2
     plain = appearance_begins(config.steps, config.schedule)
-    size = sum(camera.width * camera.height for camera in data.views.cameras) / 1e6
+    tracing = 0
+    if config.initialise == "flow":
+        reach = head.mesh.vertices.cpu() if segments is None else segments.points.cpu()
+        tracing = flow_memory(torch.cat([reach, roots.position]), config.initial.flow)
+    # Before the trial of stereo adds to it.
+    memory = peak_memory(device)
     return Forecast(
-        stereo_seconds=STEREO_SECONDS * size if with_stereo else 0.0,
+        stereo_seconds=stereo_seconds(capture, head, config, device) if segments is None else 0.0,
         shape_seconds=shape,
         image_seconds=image,
         fit_seconds=plain * shape + (config.steps - plain) * image,
-        memory_bytes=peak_memory(device) + (TRACING_BYTES if config.initialise == "flow" else 0),
+        memory_bytes=memory + tracing,
     )
 
 

@@ -141,14 +141,16 @@ def prepare_run(
         )
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_views(seen)
+    given = None
     if request.segments is not None and not resuming:
-        check_inputs(seen, load_segments(request.segments), head)
+        given = load_segments(request.segments)
+        check_inputs(seen, given, head)
         source = load_segments_source(request.segments)
         if warning := check_source(request.segments, source, capture, config.hold_out_every):
             feedback.say(warning)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
     if not resuming:
-        cost = forecast(capture, head, prior, config, perceptual, device, with_stereo=request.segments is None)
+        cost = forecast(capture, head, prior, config, perceptual, device, given)
         if request.minutes is not None:
             config = replace(config, steps=workers.agree(steps_for(request.minutes, cost, config)))
             cost = replace(cost, fit_seconds=60 * request.minutes)

@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from memory_views import in_memory
 
 from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
@@ -64,7 +63,7 @@ def test_a_view_without_a_photograph_is_refused(camera):
 
 
 def test_reduced_views_average_areas_and_keep_what_their_rays_meet(view, generator):
-    small = in_memory([view]).reduced(50)[0]
+    small = Views.in_memory([view]).reduced(50)[0]
     assert (small.camera.width, small.camera.height) == (50, 40)
     light = to_linear(view.image).reshape(40, 2, 50, 2, 3).mean(dim=(1, 3))
     torch.testing.assert_close(to_linear(small.image), light, atol=1e-6, rtol=0)
@@ -73,5 +72,5 @@ def test_reduced_views_average_areas_and_keep_what_their_rays_meet(view, generat
         torch.testing.assert_close(getattr(small, name), mean, atol=1e-6, rtol=0)
     points = 0.1 * torch.randn(20, 3, generator=generator)
     torch.testing.assert_close(2 * small.camera.project(points)[0], view.camera.project(points)[0], atol=1e-3, rtol=0)
-    assert in_memory([view]).reduced(100)[0].image is view.image
-    assert in_memory([View(view.camera, view.image)]).reduced(10)[0].hair_mask is None
+    assert Views.in_memory([view]).reduced(100)[0].image is view.image
+    assert Views.in_memory([View(view.camera, view.image)]).reduced(10)[0].hair_mask is None

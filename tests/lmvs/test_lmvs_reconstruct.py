@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 import torch
 import trimesh
-from memory_views import in_memory
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.views import View
+from neural_strands.geometry.views import View, Views
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
 
 RADIUS = 0.1
@@ -56,7 +55,7 @@ def ring() -> list[Camera]:
 
 @pytest.mark.slow
 def test_a_striped_ball_comes_back(generator: torch.Generator):
-    found = reconstruct(in_memory(views_of(ring())), None, LmvsConfig(), generator)
+    found = reconstruct(Views.in_memory(views_of(ring())), None, LmvsConfig(), generator)
     assert len(found) > 2000
     distance = (found.points.norm(dim=-1) - RADIUS).abs()
     assert distance.median() < 0.002
@@ -75,7 +74,7 @@ def test_the_capture_decides_whether_guesses_fill_gaps(tmp_path: Path, caplog: p
 
     def found(config: LmvsConfig) -> int:
         random = torch.Generator().manual_seed(0)
-        return reconstruct(in_memory(views), None, config, random, tmp_path / "work").segment_count
+        return reconstruct(Views.in_memory(views), None, config, random, tmp_path / "work").segment_count
 
     sure, full = found(LmvsConfig(complete="never")), found(LmvsConfig(complete="always"))
     assert full > sure > 0
@@ -87,13 +86,15 @@ def test_the_capture_decides_whether_guesses_fill_gaps(tmp_path: Path, caplog: p
         assert "lines that one view alone sees fill the gaps" in caplog.text
     # Nothing is filled where there are no masks to say what is hair.
     bare = [View(view.camera, view.image) for view in views]
-    ids = reconstruct(in_memory(bare), None, LmvsConfig(complete="always"), torch.Generator().manual_seed(0)).segment_id
+    ids = reconstruct(
+        Views.in_memory(bare), None, LmvsConfig(complete="always"), torch.Generator().manual_seed(0)
+    ).segment_id
     assert (torch.bincount(ids) > 2).all()
 
 
 def test_a_single_view_is_refused(generator: torch.Generator):
     with pytest.raises(InputError, match="at least two views"):
-        reconstruct(in_memory(views_of(ring()[:1])), None, LmvsConfig(), generator)
+        reconstruct(Views.in_memory(views_of(ring()[:1])), None, LmvsConfig(), generator)
 
 
 def test_views_without_hair_or_texture_are_named(generator: torch.Generator, caplog: pytest.LogCaptureFixture):
@@ -102,7 +103,7 @@ def test_views_without_hair_or_texture_are_named(generator: torch.Generator, cap
     bald = replace(second, hair_mask=torch.zeros(size))
     white = replace(third, image=torch.ones(*size, 3))
     with caplog.at_level(logging.WARNING), pytest.raises(InputError, match="found it in 1"):
-        reconstruct(in_memory([first, bald, white]), None, LmvsConfig(), generator)
+        reconstruct(Views.in_memory([first, bald, white]), None, LmvsConfig(), generator)
     assert f"{second.camera.name}: no hair" in caplog.text
     assert f"{third.camera.name}: no texture" in caplog.text
 
@@ -112,7 +113,7 @@ def test_a_camera_in_another_unit_is_named(generator: torch.Generator, caplog: p
     eye = 1000 * second.camera.position
     far = Camera.look_at(eye, torch.zeros(3), 4.2 * 160, (160, 160), "in millimetres")
     with caplog.at_level(logging.WARNING), pytest.raises(InputError, match="found it in 1"):
-        reconstruct(in_memory([first, replace(second, camera=far)]), None, LmvsConfig(), generator)
+        reconstruct(Views.in_memory([first, replace(second, camera=far)]), None, LmvsConfig(), generator)
     assert "in millimetres: wrong scale" in caplog.text
 
 
@@ -125,11 +126,11 @@ def test_a_camera_inside_the_head_and_a_head_of_another_scale(
     close = Camera.look_at(torch.tensor([0.0, 0.0, 0.02]), torch.tensor([0.0, 0.0, 1.0]), 100.0, (160, 160), "inner")
     inner = replace(views[0], camera=close)
     with caplog.at_level(logging.WARNING), pytest.raises(InputError, match="found it in 1"):
-        reconstruct(in_memory([views[0], inner]), head, LmvsConfig(), generator)
+        reconstruct(Views.in_memory([views[0], inner]), head, LmvsConfig(), generator)
     assert "inner: its camera lies inside the head" in caplog.text
     huge = Mesh(head.vertices * 1000, head.faces)
     far = Mesh(head.vertices + 5.0, head.faces)
     with pytest.raises(InputError, match="wrong scale: expected a head in metres"):
-        reconstruct(in_memory(views), huge, LmvsConfig(), generator)
+        reconstruct(Views.in_memory(views), huge, LmvsConfig(), generator)
     with pytest.raises(InputError, match="one scale and frame"):
-        reconstruct(in_memory(views), far, LmvsConfig(), generator)
+        reconstruct(Views.in_memory(views), far, LmvsConfig(), generator)

@@ -1,14 +1,31 @@
 """The forecast cost of a fit, and the steps that fit into given minutes."""
 
 import pytest
+import torch
 
 from neural_strands.fitting.config import FitConfig, preset
+from neural_strands.fitting.first_strands import VOXEL_BYTES, flow_memory
 from neural_strands.fitting.schedule import appearance_begins
+from neural_strands.flow.field import FlowConfig
 from neural_strands.runs.forecast import Forecast, steps_for
 
 
 def cost(shape_seconds: float, image_seconds: float) -> Forecast:
     return Forecast(120.0, shape_seconds, image_seconds, 600.0, 2_000_000_000)
+
+
+def test_stereo_of_unknown_time_is_not_counted() -> None:
+    told = Forecast(None, 0.25, 0.5, 600.0, 2_000_000_000).sentence()
+    assert told.startswith("expect stereo, whose time is unknown, and about 10.0 minutes for the steps (0.25 s")
+
+
+def test_memory_of_tracing_follows_the_room_that_hair_takes() -> None:
+    config = FlowConfig(spacing=0.01, margin=0.05)
+    box = torch.tensor([[0.0, 0.0, 0.0], [0.2, 0.3, 0.1]])
+    small, large = flow_memory(box, config), flow_memory(2 * box, config)
+    # Boxes of 0.3 x 0.4 x 0.2 m and 0.5 x 0.7 x 0.3 m, in voxels of 1 cm.
+    assert large / small == pytest.approx((50 * 70 * 30) / (30 * 40 * 20), rel=0.1)
+    assert small / (30 * 40 * 20) == pytest.approx(VOXEL_BYTES, rel=0.15)
 
 
 def test_sentence_tells_the_sum_and_its_parts() -> None:
