@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import torch
 import warp as wp
-from jaxtyping import Bool, Float, Int32, Int64
+from jaxtyping import Float, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation.kernels import array, launch_split
@@ -124,23 +124,6 @@ def match_levels_reference(
             for result, alike in zip(levels, (cosine.abs(), cosine), strict=True):
                 result[chunk][((distance <= radius) & (alike >= math.cos(angle))).any(dim=1)] = level
     return levels[0], levels[1]
-
-
-def any_within(
-    queries: Float[Tensor, "query 3"],
-    query_directions: Float[Tensor, "query 3"],
-    points: Float[Tensor, "point 3"] | PointGrid,
-    point_directions: Float[Tensor, "point 3"],
-    radius: float,
-    max_angle: float,
-    signed: bool = False,
-) -> Bool[Tensor, " query"]:
-    """Whether each query has a point within `radius` metres whose direction deviates by at most `max_angle` radians.
-
-    See `match_levels`; `signed` distinguishes a direction from its opposite.
-    """
-    levels = match_levels(queries, query_directions, points, point_directions, [(radius, max_angle)])
-    return levels[int(signed)] == 0
 
 
 def _check_thresholds(thresholds: Sequence[tuple[float, float]]) -> None:

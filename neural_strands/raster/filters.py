@@ -64,11 +64,3 @@ def kaiser_shape(attenuation: float) -> float:
     if attenuation > 21:
         return 0.5842 * (attenuation - 21) ** 0.4 + 0.07886 * (attenuation - 21)
     return 0.0
-
-
-def frequency_response(
-    coefficients: Float[Tensor, " tap"], frequency: Float[Tensor, " frequency"]
-) -> Float[Tensor, " frequency"]:
-    """Amplitude of a symmetric filter at given frequencies (cycles per sample)."""
-    position = torch.arange(len(coefficients), dtype=coefficients.dtype) - (len(coefficients) - 1) / 2
-    return torch.cos(2 * math.pi * frequency[:, None] * position) @ coefficients

@@ -19,23 +19,6 @@ CLAMP = 256.0
 """Activations are clamped here: far outside the values of a trained network, but within half precision."""
 
 
-def upfirdn2d(
-    images: Images, kernel: Float[Tensor, " tap"], up: int = 1, down: int = 1, padding: tuple[int, int] = (0, 0)
-) -> Resampled:
-    """Insert `up - 1` zeros after each sample, pad, convolve with `kernel` along both axes, keep every `down`-th.
-
-    The general operator, and the twin against which the fast paths below are tested. The kernel is symmetric in all our
-    uses (convolution and correlation agree). `padding` is zeros before and after, on the upsampled grid.
-    """
-    batch, channel, height, width = images.shape
-    spread = images.new_zeros(batch, channel, height, up, width, up)
-    spread[:, :, :, 0, :, 0] = images
-    spread = spread.reshape(batch, channel, height * up, width * up)
-    padded = F.pad(spread, [*padding, *padding])
-    vertical, horizontal = _axes(kernel, images)
-    return F.conv2d(F.conv2d(padded, vertical, groups=channel), horizontal, groups=channel)[:, :, ::down, ::down]
-
-
 def upsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -> Resampled:
     """Interpolate to `factor` times as many pixels; `kernel` (even taps, sum one) runs on the fine grid."""
     channel, pad = images.shape[1], _alignment(kernel, factor)

@@ -72,13 +72,6 @@ def visible_points(
     return VisiblePoints(pixel, segment, strand, vertex, position, at, weight, world)
 
 
-def interpolate_visible(
-    values: Float[Tensor, "strand point channel"], visible: VisiblePoints
-) -> Float[Tensor, "visible channel"]:
-    """Blend values given at the strands' points, as the visible points themselves are blended."""
-    return _blend_ends(values, visible.strand * values.shape[1] + visible.vertex, visible.position)
-
-
 def interpolate_knots(
     values: Float[Tensor, "strand knot channel"], visible: VisiblePoints
 ) -> Float[Tensor, "visible channel"]:
@@ -96,7 +89,7 @@ def interpolate_knots(
 def visible_directions(points: Float[Tensor, "strand point 3"], visible: VisiblePoints) -> Float[Tensor, "visible 3"]:
     """Interpolate the unit growth directions of the segment's two ends at each visible point.
 
-    Equals `interpolate_visible(strands.directions(points), visible)` without the directions of hidden points.
+    Equals a blend of `strands.directions(points)` without computing the directions of hidden points.
     """
     per_strand = points.shape[1]
     # The direction at the last point repeats that of the last segment.

@@ -68,12 +68,6 @@ class Similarity:
         return Similarity(1.0 / self.scale, self.rotation.T, back, self.residual / self.scale)
 
 
-def fit_head_to_roots(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Head:
-    """The head moved, rotated and scaled so that its scalp lies on the given roots (see `fit_similarity`)."""
-    fit = fit_similarity(head, root_positions, any_axes)
-    return head.transformed(fit.scale, fit.rotation, fit.translation)
-
-
 def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Similarity:
     """The similarity that maps the head's scalp to given roots.
 

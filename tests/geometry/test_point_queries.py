@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.point_queries import (
-    any_within,
     match_levels,
     match_levels_reference,
     nearest,
@@ -70,8 +69,9 @@ def test_levels_equal_their_twin(device, generator):
     assert set(unsigned.tolist()) == {0, 1, 2, 3, 4}
     assert (unsigned <= signed).all()
     for level, (radius, angle) in enumerate(THRESHOLDS):
-        assert torch.equal(any_within(*arguments[:4], radius, angle), unsigned <= level)
-        assert torch.equal(any_within(*arguments[:4], radius, angle, signed=True), signed <= level)
+        alone = match_levels(*arguments[:4], [(radius, angle)])
+        assert torch.equal(alone[0] == 0, unsigned <= level)
+        assert torch.equal(alone[1] == 0, signed <= level)
 
 
 def test_thresholds_must_grow():

@@ -8,7 +8,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import directions
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat, splat_pyramid
-from neural_strands.raster.visible import interpolate_knots, interpolate_visible, visible_directions, visible_points
+from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
 
 SIZE = (48, 40)
 
@@ -102,10 +102,16 @@ def test_a_buffer_that_holds_no_whole_pixels_is_refused(generator, camera):
         visible_points(rasterise_lines(points, camera), points, 7)
 
 
+def blended(values, visible):
+    """Values given at the strands' points, blended between the ends of each visible point's segment."""
+    ends = values[visible.strand, visible.vertex], values[visible.strand, visible.vertex + 1]
+    return torch.lerp(*ends, visible.position[:, None])
+
+
 def test_directions_of_visible_points_are_those_of_their_strands(generator, camera):
     points = wavy(generator)
     visible = visible_points(rasterise_lines(points, camera), points)
-    expected = interpolate_visible(directions(points), visible)
+    expected = blended(directions(points), visible)
     torch.testing.assert_close(visible_directions(points, visible), expected, rtol=1e-4, atol=1e-5)
 
 
@@ -130,7 +136,7 @@ def test_hidden_points_get_no_gradient(generator, camera):
     buffer = rasterise_lines(points, camera, torch.full((SIZE[1], SIZE[0]), 1.0))
     visible = visible_points(buffer, points)
     pixels, _ = camera.project(visible.world)
-    features = torch.cat([interpolate_visible(values, visible), visible_directions(points, visible)], dim=1)
+    features = torch.cat([blended(values, visible), visible_directions(points, visible)], dim=1)
     sum(plane.square().sum() for found in splat_pyramid(pixels, features, SIZE[::-1], 3) for plane in found).backward()
     seen = torch.zeros(60, 10, dtype=torch.bool)
     seen[visible.strand, visible.vertex] = True

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from neural_strands.scalp.fit_similarity import Similarity, fit_head_to_roots, fit_similarity, umeyama
+from neural_strands.scalp.fit_similarity import Similarity, fit_similarity, umeyama
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots, sample_roots
 
@@ -34,7 +34,7 @@ def test_known_transform_is_recovered(scale, axis, degrees):
     cosine = 0.5 * (torch.trace(found.rotation.T @ turn) - 1)
     assert math.degrees(math.acos(min(1.0, float(cosine)))) < 3.0
     assert found.residual < 0.005 * scale
-    moved = fit_head_to_roots(mannequin(), true.apply(roots()).float())
+    moved = mannequin().transformed(found.scale, found.rotation, found.translation)
     assert attach_roots(moved, true.apply(roots()).float()).distance.quantile(0.95) < 0.003 * scale
 
 

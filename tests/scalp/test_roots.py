@@ -11,7 +11,6 @@ from neural_strands.scalp.blue_noise import eliminate
 from neural_strands.scalp.head import Head, scalp_vertex_frames
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots, roots_at, sample_roots
-from neural_strands.scalp.texels import scalp_texels
 
 
 def seeded(seed=0):
@@ -130,35 +129,6 @@ def test_attaching_keeps_positions_and_tells_distances():
 def test_elimination_keeps_all_when_all_are_wanted():
     points = torch.rand(20, 3, generator=seeded())
     assert eliminate(points, 20, 1e9).tolist() == list(range(20))
-
-
-def test_texels_agree_with_roots_at_their_centres():
-    head = mannequin()
-    texels = scalp_texels(head, 64)
-    places = texels.roots(head)
-    centre = (torch.arange(64) + 0.5) / 64
-    expected = torch.stack([centre.repeat(64), centre.repeat_interleave(64)], dim=-1)
-    valid = texels.valid.reshape(-1)
-    torch.testing.assert_close(places.uv[valid], expected[valid], atol=2e-6, rtol=0)
-    # The share of texels on the chart is its area.
-    a, b = head.scalp_uv[:, 1] - head.scalp_uv[:, 0], head.scalp_uv[:, 2] - head.scalp_uv[:, 0]
-    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).abs().sum()
-    assert abs(texels.valid.float().mean() - area) < 0.01
-    nearest_valid = texels.nearest_valid.reshape(-1)
-    assert valid[nearest_valid].all()
-    assert torch.equal(nearest_valid[valid], torch.nonzero(valid).squeeze(1))
-    gap = (expected - expected[nearest_valid]).norm(dim=-1)
-    brute = torch.cdist(expected, expected[valid]).min(dim=1).values
-    torch.testing.assert_close(gap, brute, atol=1e-6, rtol=0)
-    filled = texels.fill(torch.arange(64.0 * 64).reshape(64, 64, 1))
-    assert torch.equal(filled.reshape(-1).long(), nearest_valid)
-
-
-def test_texels_of_a_chart_too_small_are_refused():
-    head = square_head()
-    tiny = Head(head.mesh, head.scalp_faces, head.scalp_uv * 0.01)
-    with pytest.raises(ValueError, match="no texel"):
-        scalp_texels(tiny, 4)
 
 
 def test_roots_at_corners_are_the_vertices():
