@@ -35,7 +35,7 @@ def view() -> View:
 def test_person_without_hair_is_body_and_what_is_neither_is_background(view):
     found = surround_weights(view)
     assert found is not None
-    torch.testing.assert_close(found.body, torch.tensor([[1.0, 0.6, 0.0, 0.05]]))
+    torch.testing.assert_close(found.body, torch.tensor([[1.0, 0.0, 0.0, 0.05]]))
     torch.testing.assert_close(found.background, torch.tensor([[0.0, 0.0, 0.0, 0.95]]))
 
 
