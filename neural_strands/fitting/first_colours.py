@@ -108,7 +108,7 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
         if teaches is None:
             shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         else:
-            shares = (teaches.body, teaches.background)
+            shares = (teaches.body * (1 - hair), teaches.background)
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
                 total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]

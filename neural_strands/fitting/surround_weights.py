@@ -8,15 +8,14 @@ from neural_strands.geometry.views import View
 from neural_strands.model.compositing import SurroundWeights
 
 BESIDE = 0.1
-"""Coverage of hair below which a pixel teaches what is behind it, and of the person below which that is the background:
-more would mix their colours into it."""
+"""Coverage of hair or person below which a pixel shows the background: more would mix their colours into it."""
 
 
 def surround_weights(view: View, hair: Float[Tensor, "height width"] | None = None) -> SurroundWeights | None:
     """How much each pixel teaches body and background; None where the person is not known.
 
-    Person without hair shows the body, and what is neither shows the background. Where the mesh reaches beyond the
-    person, its colours learn nothing, and nor do they at the border of the hair, where shoulders would become smudged.
+    What is neither hair nor person shows the background; where the mesh reaches beyond both, its colours learn nothing.
+    Hair teaches the body behind it too: skin that stayed bright there would shine through.
 
     Args:
         view: a photograph with its masks.
@@ -28,5 +27,4 @@ def surround_weights(view: View, hair: Float[Tensor, "height width"] | None = No
     hair = view.hair_mask if hair is None else hair
     hair = torch.zeros_like(person) if hair is None else hair
     covered = torch.maximum(person, hair)
-    body = torch.where(hair < BESIDE, (person - hair).clamp(min=0), 0.0)
-    return SurroundWeights(body, torch.where(covered < BESIDE, 1 - covered, 0.0))
+    return SurroundWeights(covered, torch.where(covered < BESIDE, 1 - covered, 0.0))

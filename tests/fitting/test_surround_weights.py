@@ -32,17 +32,17 @@ def view() -> View:
     return View(camera, torch.zeros(1, 4, 3), hair, person)
 
 
-def test_person_without_hair_is_body_and_what_is_neither_is_background(view):
+def test_hair_and_person_teach_the_body_and_what_is_neither_the_background(view):
     found = surround_weights(view)
     assert found is not None
-    torch.testing.assert_close(found.body, torch.tensor([[1.0, 0.0, 0.0, 0.05]]))
+    torch.testing.assert_close(found.body, torch.tensor([[1.0, 0.9, 1.0, 0.05]]))
     torch.testing.assert_close(found.background, torch.tensor([[0.0, 0.0, 0.0, 0.95]]))
 
 
-def test_hair_beside_the_person_teaches_neither(view):
+def test_hair_counts_where_the_mask_of_the_person_leaves_it_out(view):
     found = surround_weights(replace(view, person_mask=torch.zeros(1, 4)))
     assert found is not None
-    assert not found.body.any()
+    assert torch.equal(found.body, view.hair_mask)
     torch.testing.assert_close(found.background, torch.tensor([[1.0, 0.0, 0.0, 1.0]]))
 
 
