@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types imports docs pytest fast clean
+.PHONY: demo test lint types imports docs pytest fast browser clean
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -30,6 +30,10 @@ docs: $(VENV)/.installed
 
 pytest: $(VENV)/.installed
 	$(BIN)/python -m pytest -n logical --dist worksteal
+
+# The viewer's page in Chromium, on a quiet machine.
+browser: $(VENV)/.installed
+	NEURAL_STRANDS_BROWSER=1 $(BIN)/python -m pytest tests/viewer/test_page_in_browser.py
 
 # The tests without those marked slow, for the edit-and-run loop.
 fast: $(VENV)/.installed
