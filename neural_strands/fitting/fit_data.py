@@ -52,7 +52,12 @@ class FitData:
 
 
 def gather_fit_data(
-    capture: Capture, head: Head, segments: LineSegments, config: FitConfig, device: torch.device
+    capture: Capture,
+    head: Head,
+    segments: LineSegments,
+    config: FitConfig,
+    device: torch.device,
+    distance: SignedDistanceGrid | None = None,
 ) -> FitData:
     """Gather the inputs of the steps.
 
@@ -62,6 +67,7 @@ def gather_fit_data(
         segments: line segments of the training views, signed from root to tip.
         config: which views are held out, radii.
         device: where tensors go.
+        distance: signed distance to the head, if it is known already; sampling it takes seconds.
 
     Raises:
         InputError: too few views or segments, or a head far from the hair.
@@ -75,7 +81,7 @@ def gather_fit_data(
         head=head,
         segments=segments,
         targets=OrientedTargets(segments.points, segments.directions, grid),
-        distance=SignedDistanceGrid.build(head.mesh),
+        distance=SignedDistanceGrid.build(head.mesh) if distance is None else distance,
     )
 
 

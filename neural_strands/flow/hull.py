@@ -10,6 +10,7 @@ from torch import Tensor
 
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.visual_hull import HeadView, Silhouette, visual_hull
 from neural_strands.geometry.voxel_grid import VoxelGrid
@@ -64,7 +65,7 @@ def covered_volume(
     Every voxel between a point and the closest point of the head may hold hair.
     """
     config = config or HullConfig()
-    foot = signed_distance(points, head).closest
+    foot = closest_points(points, head).position
     steps = int(((points - foot).norm(dim=-1).max() / grid.spacing).ceil()) + 1 if len(points) else 0
     filled = torch.zeros(grid.count, dtype=torch.bool, device=points.device)
     for fraction in torch.linspace(0.0, 1.0, 2 * steps).tolist():
@@ -72,8 +73,9 @@ def covered_volume(
         filled[index[inside]] = True
     volume = filled.reshape(grid.shape)
     grown = torch.nn.functional.max_pool3d(volume[None, None].float(), 3, stride=1, padding=1)[0, 0] > 0
-    outside = signed_distance(grid.nodes(head.vertices.device).reshape(-1, 3), head).distance > -config.head_depth
-    return grown & outside.reshape(grid.shape)
+    nodes = grid.nodes(head.vertices.device)
+    grown[grown.clone()] = signed_distance(nodes[grown], head).distance > -config.head_depth
+    return grown
 
 
 def widen(mask: Float[Tensor, "height width"], radius: int) -> Float[Tensor, "height width"]:

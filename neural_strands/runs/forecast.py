@@ -13,6 +13,7 @@ from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.schedule import appearance_begins
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.runs.stereo_trial import stereo_seconds
@@ -64,6 +65,7 @@ def forecast(
     perceptual: Perceptual | None,
     device: torch.device,
     segments: LineSegments | None,
+    distance: SignedDistanceGrid,
 ) -> Forecast:
     """Time a few steps on points above the scalp that stand in for the segments, and a trial of stereo.
 
@@ -76,13 +78,14 @@ def forecast(
         device: where the fit will run.
         segments: those of the fit; None if stereo has to compute them first. Without them, the room that hair takes is
             unknown, and memory is that of hair as large as the head mesh.
+        distance: signed distance to the head.
     """
     roots = sample_roots(head.to("cpu"), STAND_IN_POINTS, torch.Generator().manual_seed(config.seed))
     points = roots.position + STAND_IN_HEIGHT * roots.normal
     count = torch.arange(len(points))
     stand_in = LineSegments(points, roots.frame[..., 0].contiguous(), torch.ones(len(points)), count)
     trial = replace(config, steps=6, initialise="mean", schedule=replace(config.schedule, geometry_only=0.5))
-    data = gather_fit_data(capture, head, stand_in, trial, device)
+    data = gather_fit_data(capture, head, stand_in, trial, device, distance)
     seconds: list[float] = []
     fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:3]), sum(sorted(seconds[3:])[:2]) / 2

@@ -20,6 +20,7 @@ from neural_strands.fitting.perceptual import perceptual_loss
 from neural_strands.fitting.stereo import check_source, find_segments, segments_source
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import Feedback
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.runs.forecast import forecast, steps_for
@@ -72,6 +73,7 @@ class PreparedRun:
         described: contents of `run.json`, settings included.
         capture: all views.
         head: mesh and scalp chart.
+        distance: signed distance to the head; None for a run to resume, which needs it once only.
         prior: strand prior.
         perceptual: perceptual distance.
         resuming: whether the folder holds this run already.
@@ -83,6 +85,7 @@ class PreparedRun:
     described: RunDescription
     capture: Capture
     head: Head
+    distance: SignedDistanceGrid | None
     prior: StrandPrior
     perceptual: Perceptual
     resuming: bool
@@ -149,8 +152,9 @@ def prepare_run(
         if warning := check_source(request.segments, source, capture, config.hold_out_every):
             feedback.say(warning)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
-    if not resuming:
-        cost = forecast(capture, head, prior, config, perceptual, device, given)
+    distance = None if resuming else SignedDistanceGrid.build(head.mesh.to(device))
+    if distance is not None:
+        cost = forecast(capture, head, prior, config, perceptual, device, given, distance)
         if request.minutes is not None:
             config = replace(config, steps=workers.agree(steps_for(request.minutes, cost, config)))
             cost = replace(cost, fit_seconds=60 * request.minutes)
@@ -167,7 +171,7 @@ def prepare_run(
     )
     if resuming:
         check_same(folder, described)
-    return PreparedRun(folder, described, capture, head, prior, perceptual, resuming, device, workers)
+    return PreparedRun(folder, described, capture, head, distance, prior, perceptual, resuming, device, workers)
 
 
 def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> FitData:
@@ -194,7 +198,7 @@ def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> F
             source = segments_source(run.training_capture, run.config)
         save_segments(kept, segments, source)
     run.workers.wait()
-    return gather_fit_data(run.capture, run.head, load_segments(kept), run.config, run.device)
+    return gather_fit_data(run.capture, run.head, load_segments(kept), run.config, run.device, run.distance)
 
 
 def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:

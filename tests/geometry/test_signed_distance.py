@@ -163,3 +163,14 @@ def test_a_grid_is_as_exact_as_it_says_and_knows_which_way_is_out(generator):
     far, ahead = grid.with_outward(torch.tensor([[0.0, 5.0, 0.0], [3.0, 0.0, 0.0]]))
     assert (far < 0.03).all()
     torch.testing.assert_close(ahead, torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), atol=0.05, rtol=0)
+
+
+@pytest.mark.parametrize("spacing", [0.004, 0.011, 0.05])
+def test_nodes_of_a_grid_have_the_sign_of_the_winding_number(spacing):
+    mesh = mannequin().mesh
+    closed = trimesh.Trimesh(mesh.vertices.numpy(), mesh.faces.numpy()).convex_hull
+    mesh = Mesh(torch.tensor(closed.vertices).float(), torch.tensor(closed.faces).long())
+    grid = SignedDistanceGrid.build(mesh, spacing)
+    exact = signed_distance(grid.grid.nodes().reshape(-1, 3), mesh).distance.reshape(grid.grid.shape)
+    torch.testing.assert_close(grid.values, exact, atol=1e-6, rtol=0)
+    assert (grid.values < 0).any()
