@@ -14,7 +14,7 @@ from jaxtyping import Float, Int32
 from torch import Tensor
 
 from neural_strands.foundation.kernels import array, launch
-from neural_strands.geometry.kernels.point_queries import count_points, place_points
+from neural_strands.geometry.kernels.point_queries import Cells, count_points, place_points
 
 LARGEST_CELLS = 2**20
 """Largest number of cells along one axis; beyond it cells grow, and searches are slower but still exact."""
@@ -93,6 +93,8 @@ class PointGrid:
         return values[self.order.long()].contiguous()
 
     def kernel_inputs(self) -> list:
-        """The inputs of every search kernel, in this order: points, starts, lower, cells, cell, mask."""
-        cells = wp.vec3i(*self.cells)
-        return [array(self.points, wp.vec3), array(self.starts), wp.vec3(*self.lower), cells, self.cell, self.mask]
+        """The first inputs of every search kernel: points, starts and cells."""
+        cells = Cells()
+        cells.lower, cells.count = wp.vec3(*self.lower), wp.vec3i(*self.cells)
+        cells.size, cells.mask = self.cell, self.mask
+        return [array(self.points, wp.vec3), array(self.starts), cells]

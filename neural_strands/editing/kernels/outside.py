@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from neural_strands.geometry.kernels.voxel_grid import blend, last_node, lowest_corner, slope
+from neural_strands.geometry.kernels.voxel_grid import blend, cell_about, nearest_place, slope
 
 
 @wp.kernel(enable_backward=False)
@@ -27,20 +27,16 @@ def follow_outside(
     """Add steps to the first point of each strand; a step that would end inside is turned, not shortened."""
     strand = start + wp.tid()
     here = points[strand, 0]
-    last = last_node(shape)
     for k in range(steps.shape[1]):
         step = steps[strand, k]
         length = wp.length(step)
         target = here + step
         for _ in range(rounds):
-            raw = (target - origin) / spacing
-            place = wp.min(wp.max(raw, wp.vec3(0.0)), last)
-            corner = lowest_corner(place, shape)
-            ahead = place - wp.vec3(float(corner[0]), float(corner[1]), float(corner[2]))
-            missing = clearance[strand, k + 1] - blend(values, corner, ahead)
+            cell = cell_about(nearest_place((target - origin) / spacing, shape), shape)
+            missing = clearance[strand, k + 1] - blend(values, cell)
             if missing <= 0.0:
                 break
-            outward = wp.normalize(slope(values, corner, ahead))
+            outward = wp.normalize(slope(values, cell))
             turned = target + missing * outward - here
             target = here + length * wp.normalize(turned)
         here = target

@@ -6,7 +6,14 @@ from typing import no_type_check
 
 import warp as wp
 
-from neural_strands.geometry.kernels.point_queries import outside_grid, row_of, row_on_ring, row_span, rows_on_ring
+from neural_strands.geometry.kernels.point_queries import (
+    Cells,
+    outside_grid,
+    row_of,
+    row_on_ring,
+    row_span,
+    rows_on_ring,
+)
 
 
 @wp.func
@@ -37,10 +44,7 @@ def consistency_kernel(
     first_strand: int,
     points: wp.array[wp.vec3],
     starts: wp.array[int],
-    lower: wp.vec3,
-    cells: wp.vec3i,
-    cell: float,
-    mask: int,
+    cells: Cells,
     directions: wp.array[wp.vec3],
     curves: wp.array[int],
     true_points: wp.array[wp.vec3],
@@ -54,16 +58,16 @@ def consistency_kernel(
 ) -> None:
     """One thread per true strand: count the points that each predicted strand matches, and keep the largest count."""
     strand = first_strand + wp.tid()
-    reach = int(radius / cell) + 1
+    reach = int(radius / cells.size) + 1
     largest = wp.int32(0)
     for i in range(offsets[strand], offsets[strand + 1]):
         query = true_points[i]
-        if not outside_grid(query, radius, lower, cells, cell):
-            centre = row_of(query, lower, cell)
+        if not outside_grid(query, radius, cells):
+            centre = row_of(query, cells)
             for ring in range(reach + 1):
                 for place in range(rows_on_ring(ring)):
                     row = row_on_ring(centre, ring, place)
-                    span = row_span(query, row, radius, lower, cells, cell, mask, starts)
+                    span = row_span(query, row, radius, cells, starts)
                     for k in range(span[0], span[1]):
                         offset = points[k] - query
                         alike = wp.abs(wp.dot(true_directions[i], directions[k])) >= cosine

@@ -16,6 +16,24 @@ MOST_LEVELS = 8
 LevelVector = wp.types.vector(length=MOST_LEVELS, dtype=wp.float32)
 
 
+@wp.struct
+@no_type_check
+class Cells:
+    """The cells of a grid of points.
+
+    Attributes:
+        lower: corner of the first cell.
+        count: cells along each axis.
+        size: of a cell, metres.
+        mask: largest key of the table of rows.
+    """
+
+    lower: wp.vec3
+    count: wp.vec3i
+    size: wp.float32
+    mask: wp.int32
+
+
 @wp.func
 @no_type_check
 def cell_along(coordinate: float, lower: float, inverse_cell: float) -> int:
@@ -68,9 +86,10 @@ def place_points(
 
 @wp.func
 @no_type_check
-def row_of(point: wp.vec3, lower: wp.vec3, cell: float) -> wp.vec2i:
+def row_of(point: wp.vec3, cells: Cells) -> wp.vec2i:
     """The y and z of the row of cells that holds a point."""
-    return wp.vec2i(cell_along(point[1], lower[1], 1.0 / cell), cell_along(point[2], lower[2], 1.0 / cell))
+    inverse = 1.0 / cells.size
+    return wp.vec2i(cell_along(point[1], cells.lower[1], inverse), cell_along(point[2], cells.lower[2], inverse))
 
 
 @wp.func
@@ -103,42 +122,39 @@ def row_span(
     query: wp.vec3,
     row: wp.vec2i,
     reach: float,
-    lower: wp.vec3,
-    cells: wp.vec3i,
-    cell: float,
-    mask: int,
+    cells: Cells,
     starts: wp.array[int],
 ) -> wp.vec2i:
     """The run of sorted points in a row (y, z) whose cells come within `reach` of the query."""
     y = row[0]
     z = row[1]
-    if y < 0 or z < 0 or y >= cells[1] or z >= cells[2]:
+    if y < 0 or z < 0 or y >= cells.count[1] or z >= cells.count[2]:
         return wp.vec2i(0, 0)
-    below = lower[1] + float(y) * cell - query[1]
-    beside = lower[2] + float(z) * cell - query[2]
-    gap_y = wp.max(wp.max(below, -below - cell), 0.0)
-    gap_z = wp.max(wp.max(beside, -beside - cell), 0.0)
+    below = cells.lower[1] + float(y) * cells.size - query[1]
+    beside = cells.lower[2] + float(z) * cells.size - query[2]
+    gap_y = wp.max(wp.max(below, -below - cells.size), 0.0)
+    gap_z = wp.max(wp.max(beside, -beside - cells.size), 0.0)
     # Slightly more, because the cell of a point and the distance to its cell are rounded separately.
     square = reach * reach * 1.0001 + 1.0e-14 - gap_y * gap_y - gap_z * gap_z
     if square < 0.0:
         return wp.vec2i(0, 0)
-    half = wp.sqrt(square) + 1.0e-6 * cell
-    first = wp.max(cell_along(query[0] - half, lower[0], 1.0 / cell), 0)
-    last = wp.min(cell_along(query[0] + half, lower[0], 1.0 / cell), cells[0] - 1)
+    half = wp.sqrt(square) + 1.0e-6 * cells.size
+    first = wp.max(cell_along(query[0] - half, cells.lower[0], 1.0 / cells.size), 0)
+    last = wp.min(cell_along(query[0] + half, cells.lower[0], 1.0 / cells.size), cells.count[0] - 1)
     if first > last:
         return wp.vec2i(0, 0)
-    base = row_start(y, z, mask)
+    base = row_start(y, z, cells.mask)
     return wp.vec2i(starts[base + first], starts[base + last + 1])
 
 
 @wp.func
 @no_type_check
-def outside_grid(query: wp.vec3, radius: float, lower: wp.vec3, cells: wp.vec3i, cell: float) -> bool:
+def outside_grid(query: wp.vec3, radius: float, cells: Cells) -> bool:
     """Whether a query is too far from the grid's box to find anything, or not finite."""
     outside = wp.bool(False)
     for axis in range(3):
-        offset = query[axis] - lower[axis]
-        if not (offset >= -radius and offset <= float(cells[axis]) * cell + radius):
+        offset = query[axis] - cells.lower[axis]
+        if not (offset >= -radius and offset <= float(cells.count[axis]) * cells.size + radius):
             outside = True
     return outside
 
@@ -149,10 +165,7 @@ def nearest_kernel(
     first_query: int,
     points: wp.array[wp.vec3],
     starts: wp.array[int],
-    lower: wp.vec3,
-    cells: wp.vec3i,
-    cell: float,
-    mask: int,
+    cells: Cells,
     order: wp.array[int],
     queries: wp.array[wp.vec3],
     radius: float,
@@ -162,18 +175,18 @@ def nearest_kernel(
     """Visit rings of rows around the query's own, from near to far, until a ring is farther than the best point."""
     i = first_query + wp.tid()
     query = queries[i]
-    if outside_grid(query, radius, lower, cells, cell):
+    if outside_grid(query, radius, cells):
         return
-    centre = row_of(query, lower, cell)
+    centre = row_of(query, cells)
     best = radius * radius
     chosen = wp.int32(-1)
-    rings = int(radius / cell) + 2
+    rings = int(radius / cells.size) + 2
     for ring in range(rings):
-        if float(ring - 1) * cell > wp.sqrt(best):
+        if float(ring - 1) * cells.size > wp.sqrt(best):
             break
         for place in range(rows_on_ring(ring)):
             row = row_on_ring(centre, ring, place)
-            span = row_span(query, row, wp.sqrt(best), lower, cells, cell, mask, starts)
+            span = row_span(query, row, wp.sqrt(best), cells, starts)
             for k in range(span[0], span[1]):
                 offset = points[k] - query
                 square = wp.dot(offset, offset)
@@ -191,10 +204,7 @@ def levels_kernel(
     first_query: int,
     points: wp.array[wp.vec3],
     starts: wp.array[int],
-    lower: wp.vec3,
-    cells: wp.vec3i,
-    cell: float,
-    mask: int,
+    cells: Cells,
     directions: wp.array[wp.vec3],
     queries: wp.array[wp.vec3],
     query_directions: wp.array[wp.vec3],
@@ -207,21 +217,21 @@ def levels_kernel(
     """Visit rings of rows around the query's own; the reach shrinks to the radius of the next stricter level."""
     i = first_query + wp.tid()
     query = queries[i]
-    if outside_grid(query, radii[levels - 1], lower, cells, cell):
+    if outside_grid(query, radii[levels - 1], cells):
         return
     direction = query_directions[i]
-    centre = row_of(query, lower, cell)
+    centre = row_of(query, cells)
     unsigned = int(levels)
     signed = int(levels)
     reach = float(radii[levels - 1])
-    rings = int(reach / cell) + 2
+    rings = int(reach / cells.size) + 2
     for ring in range(rings):
-        if signed == 0 or float(ring - 1) * cell > reach:
+        if signed == 0 or float(ring - 1) * cells.size > reach:
             break
         for place in range(rows_on_ring(ring)):
             if signed > 0:
                 row = row_on_ring(centre, ring, place)
-                span = row_span(query, row, reach, lower, cells, cell, mask, starts)
+                span = row_span(query, row, reach, cells, starts)
                 for k in range(span[0], span[1]):
                     offset = points[k] - query
                     square = wp.dot(offset, offset)

@@ -34,24 +34,49 @@ def within(place: wp.vec3, shape: wp.vec3i) -> bool:
     )
 
 
+@wp.struct
+@no_type_check
+class Cell:
+    """The cell of eight nodes about a place.
+
+    Attributes:
+        corner: the lowest of its nodes.
+        ahead: how far the place lies beyond that node.
+    """
+
+    corner: wp.vec3i
+    ahead: wp.vec3
+
+
 @wp.func
 @no_type_check
-def lowest_corner(place: wp.vec3, shape: wp.vec3i) -> wp.vec3i:
-    """The lowest of the eight nodes about a place between the outermost nodes; some node for what is not finite."""
-    return wp.vec3i(
+def cell_about(place: wp.vec3, shape: wp.vec3i) -> Cell:
+    """The cell of a place between the outermost nodes; some cell for what is not finite."""
+    cell = Cell()
+    cell.corner = wp.vec3i(
         wp.clamp(int(place[0]), 0, shape[0] - 2),
         wp.clamp(int(place[1]), 0, shape[1] - 2),
         wp.clamp(int(place[2]), 0, shape[2] - 2),
     )
+    cell.ahead = place - wp.vec3(float(cell.corner[0]), float(cell.corner[1]), float(cell.corner[2]))
+    return cell
 
 
 @wp.func
 @no_type_check
-def blend(values: wp.array3d[float], corner: wp.vec3i, ahead: wp.vec3) -> float:
-    """Trilinear blend of the eight nodes from `corner` on."""
-    x = corner[0]
-    y = corner[1]
-    z = corner[2]
+def nearest_place(place: wp.vec3, shape: wp.vec3i) -> wp.vec3:
+    """The place between the outermost nodes that is nearest to any place."""
+    return wp.min(wp.max(place, wp.vec3(0.0)), last_node(shape))
+
+
+@wp.func
+@no_type_check
+def blend(values: wp.array3d[float], cell: Cell) -> float:
+    """Trilinear blend of the nodes of a cell."""
+    x = cell.corner[0]
+    y = cell.corner[1]
+    z = cell.corner[2]
+    ahead = cell.ahead
     a00 = wp.lerp(values[x, y, z], values[x, y, z + 1], ahead[2])
     a01 = wp.lerp(values[x, y + 1, z], values[x, y + 1, z + 1], ahead[2])
     a10 = wp.lerp(values[x + 1, y, z], values[x + 1, y, z + 1], ahead[2])
@@ -61,11 +86,12 @@ def blend(values: wp.array3d[float], corner: wp.vec3i, ahead: wp.vec3) -> float:
 
 @wp.func
 @no_type_check
-def slope(values: wp.array3d[float], corner: wp.vec3i, ahead: wp.vec3) -> wp.vec3:
+def slope(values: wp.array3d[float], cell: Cell) -> wp.vec3:
     """Gradient of that blend per spacing."""
-    x = corner[0]
-    y = corner[1]
-    z = corner[2]
+    x = cell.corner[0]
+    y = cell.corner[1]
+    z = cell.corner[2]
+    ahead = cell.ahead
     a00 = wp.lerp(values[x, y, z], values[x, y, z + 1], ahead[2])
     a01 = wp.lerp(values[x, y + 1, z], values[x, y + 1, z + 1], ahead[2])
     a10 = wp.lerp(values[x + 1, y, z], values[x + 1, y, z + 1], ahead[2])
@@ -88,8 +114,7 @@ def trilinear(values: wp.array3d[float], place: wp.vec3) -> float:
     shape = wp.vec3i(values.shape[0], values.shape[1], values.shape[2])
     if not within(place, shape):
         return 0.0
-    corner = lowest_corner(place, shape)
-    return blend(values, corner, place - wp.vec3(float(corner[0]), float(corner[1]), float(corner[2])))
+    return blend(values, cell_about(place, shape))
 
 
 @wp.kernel(enable_backward=False)
@@ -107,14 +132,13 @@ def slope_kernel(
     """Value and gradient of one channel; beyond the outermost nodes those of the border, where slopes vanish."""
     i = start + wp.tid()
     raw = (points[i] - origin) / spacing
-    place = wp.min(wp.max(raw, wp.vec3(0.0)), last_node(shape))
-    corner = lowest_corner(place, shape)
-    ahead = place - wp.vec3(float(corner[0]), float(corner[1]), float(corner[2]))
-    steep = slope(values, corner, ahead)
+    place = nearest_place(raw, shape)
+    cell = cell_about(place, shape)
+    steep = slope(values, cell)
     for k in range(3):
         if raw[k] != place[k]:
             steep[k] = 0.0
-    value[i] = blend(values, corner, ahead)
+    value[i] = blend(values, cell)
     gradient[i] = steep / spacing
 
 
@@ -138,16 +162,14 @@ def sample_kernel(
     raw = (points[i] - origin) / spacing
     if zero_outside != 0 and not within(raw, shape):
         return
-    place = wp.min(wp.max(raw, wp.vec3(0.0)), last_node(shape))
-    corner = lowest_corner(place, shape)
-    ahead = place - wp.vec3(float(corner[0]), float(corner[1]), float(corner[2]))
+    cell = cell_about(nearest_place(raw, shape), shape)
     for k in range(8):
         x = k // 4
         y = (k // 2) % 2
         z = k % 2
-        weight = wp.where(x == 1, ahead[0], 1.0 - ahead[0])
-        weight *= wp.where(y == 1, ahead[1], 1.0 - ahead[1])
-        weight *= wp.where(z == 1, ahead[2], 1.0 - ahead[2])
-        index = ((corner[0] + x) * shape[1] + corner[1] + y) * shape[2] + corner[2] + z
+        weight = wp.where(x == 1, cell.ahead[0], 1.0 - cell.ahead[0])
+        weight *= wp.where(y == 1, cell.ahead[1], 1.0 - cell.ahead[1])
+        weight *= wp.where(z == 1, cell.ahead[2], 1.0 - cell.ahead[2])
+        index = ((cell.corner[0] + x) * shape[1] + cell.corner[1] + y) * shape[2] + cell.corner[2] + z
         for channel in range(values.shape[1]):
             sampled[i, channel] += weight * values[index, channel]
