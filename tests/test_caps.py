@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,8 @@ TEXTS = sorted(
 )
 FILE_LINES, FUNCTION_LINES, PARAMETERS = 400, 100, 10
 """Everything stays under these."""
+FILES_A_PACKAGE = 20
+"""The most modules in one folder of the package, subfolders not counted."""
 MACHINE_PATHS = re.compile(r"(?<![\w.])/(?:work|tmp|home|root|Users)/\w|[A-Z]:\\\\Users", re.IGNORECASE)
 UNFINISHED = re.compile(r"\b(?:TO" + r"DO|FIX" + r"ME|X" + r"XX|HA" + r"CK)\b")
 FUTURE = re.compile(r"^from __future__ import annotations", re.MULTILINE)
@@ -49,6 +52,13 @@ def parameter_count(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return len(plain) + len(node.args.kwonlyargs) + bool(node.args.vararg) + bool(node.args.kwarg)
 
 
+def crowded(folder: Path) -> list[str]:
+    """The folders below one, itself included, that hold too many modules, each with their number."""
+    counts = Counter(path.parent for path in folder.rglob("*.py"))
+    found = sorted((parent, count) for parent, count in counts.items() if count > FILES_A_PACKAGE)
+    return [f"{parent.relative_to(folder.parent).as_posix()} has {count} files" for parent, count in found]
+
+
 def test_there_are_files():
     assert len(FILES) > 20
 
@@ -73,6 +83,21 @@ def test_words(path: Path):
         found = pattern.search(text)
         assert found is None, f"{relative(path)}: {reason}: {found and found[0]!r}"
     assert FUTURE.search(text) is None, f"{relative(path)} imports annotations from the future"
+
+
+def test_packages_are_small():
+    assert crowded(ROOT / "neural_strands") == []
+
+
+def test_a_crowded_package_is_found(tmp_path: Path):
+    inner = tmp_path / "outer" / "inner"
+    inner.mkdir(parents=True)
+    for number in range(FILES_A_PACKAGE):
+        (inner / f"module_{number}.py").touch()
+        (inner.parent / f"module_{number}.py").touch()
+    assert crowded(tmp_path / "outer") == []
+    (inner / "one_more.py").touch()
+    assert crowded(tmp_path / "outer") == [f"outer/inner has {FILES_A_PACKAGE + 1} files"]
 
 
 def test_test_files_have_names_of_their_own():

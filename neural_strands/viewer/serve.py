@@ -13,7 +13,7 @@ from neural_strands.runs.run_folder import RunFolder
 from neural_strands.viewer.notices import complain
 from neural_strands.viewer.open_scene import kind_of, open_capture, open_edited, open_groom, open_model, open_run
 from neural_strands.viewer.page import Page
-from neural_strands.viewer.panels import Panels
+from neural_strands.viewer.panels.tabs import Tabs
 from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class ServedPage:
         self._kind = kind_of(path)
         self._state = newest_state(RunFolder(path)) if self._kind == "run" else None
         self.page = Page(server, self._open(self._state))
-        self._panels = Panels(self.page)
+        self._tabs = Tabs(self.page)
 
     def close(self) -> None:
         """End the page's threads; the server goes on."""
@@ -57,7 +57,7 @@ class ServedPage:
         """
         state = newest_state(RunFolder(self._path)) if self._kind == "run" else None
         try:
-            self._panels.follow()
+            self._tabs.follow()
             if state is None or state == self._state:
                 return False
             self._state, before = state, self.page.scene
@@ -66,9 +66,9 @@ class ServedPage:
             self._complain(error)
             return False
         if _parts(self.page.scene) == _parts(before):
-            self._panels.update()
+            self._tabs.update()
         else:
-            self._panels = Panels(self.page)
+            self._tabs = Tabs(self.page)
         return True
 
     def _complain(self, error: InputError) -> None:

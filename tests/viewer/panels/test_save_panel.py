@@ -11,8 +11,8 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.grooms.io import read_groom
 from neural_strands.runs.newest_model import newest_state
 from neural_strands.runs.run_folder import RunFolder
-from neural_strands.viewer import save_panel
 from neural_strands.viewer.open_scene import open_run
+from neural_strands.viewer.panels import save
 from neural_strands.viewer.scene import Scene
 
 CUT = Haircut(length=0.03, uneven=0.0)
@@ -26,7 +26,7 @@ def scene(tiny_run):
 
 @pytest.mark.parametrize("suffix", [".usd", ".npz", ".hair", ".glb"])
 def test_saved_hair_is_the_edited_hair(scene, tmp_path, suffix):
-    name, content = save_panel.saved_hair(scene, suffix)
+    name, content = save.saved_hair(scene, suffix)
     assert name == f"run{suffix}"
     (tmp_path / name).write_bytes(content)
     if suffix != ".glb":
@@ -36,18 +36,18 @@ def test_saved_hair_is_the_edited_hair(scene, tmp_path, suffix):
 
 
 def test_saved_edits_are_the_list_that_the_command_reads(scene, tmp_path):
-    name, content = save_panel.saved_edits(scene)
+    name, content = save.saved_edits(scene)
     (tmp_path / name).write_bytes(content)
     assert read_edits(tmp_path / name) == [CUT]
     assert json.loads(content)["edits"][0]["edit"] == "haircut"
 
 
 def test_a_turntable_is_a_video_and_says_how_far_it_is(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(save_panel, "SECONDS", 1.0)
-    monkeypatch.setattr(save_panel, "FPS", 4.0)
-    monkeypatch.setattr(save_panel, "SIDE", 64)
+    monkeypatch.setattr(save, "SECONDS", 1.0)
+    monkeypatch.setattr(save, "FPS", 4.0)
+    monkeypatch.setattr(save, "SIDE", 64)
     said = []
-    name, content = save_panel.saved_turntable(scene, said.append)
+    name, content = save.saved_turntable(scene, said.append)
     assert said == ["1 of 4", "2 of 4", "3 of 4", "4 of 4"]
     (tmp_path / name).write_bytes(content)
     video = cv2.VideoCapture(str(tmp_path / name))
@@ -62,6 +62,6 @@ def test_a_turntable_is_a_video_and_says_how_far_it_is(scene, tmp_path, monkeypa
 def test_what_is_not_there_cannot_be_saved(scene, tmp_path):
     bare = Scene(tmp_path, "capture")
     with pytest.raises(InputError, match="found none"):
-        save_panel.saved_hair(bare, ".usd")
+        save.saved_hair(bare, ".usd")
     with pytest.raises(InputError, match="found none"):
-        save_panel.saved_turntable(bare, print)
+        save.saved_turntable(bare, print)

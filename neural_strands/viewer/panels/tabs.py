@@ -3,15 +3,15 @@
 from collections.abc import Callable
 
 from neural_strands.runs.run_folder import RunFolder
-from neural_strands.viewer.edit_panel import EditPanel
-from neural_strands.viewer.fit_panel import FitPanel
-from neural_strands.viewer.look_panel import add_look_panel
 from neural_strands.viewer.page import Page
-from neural_strands.viewer.photographs_panel import add_photographs_panel
-from neural_strands.viewer.save_panel import add_save_panel
+from neural_strands.viewer.panels.edit import EditPanel
+from neural_strands.viewer.panels.fit import FitPanel
+from neural_strands.viewer.panels.look import add_look_panel
+from neural_strands.viewer.panels.photographs import add_photographs_panel
+from neural_strands.viewer.panels.save import add_save_panel
 
 
-class Panels:
+class Tabs:
     """All tabs of a page."""
 
     def __init__(self, page: Page) -> None:

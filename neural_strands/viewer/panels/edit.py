@@ -8,8 +8,8 @@ from neural_strands.editing.settings import MOST_STRANDS, Density, Edit, Haircut
 from neural_strands.viewer.history import History
 from neural_strands.viewer.notices import told
 from neural_strands.viewer.page import Page
-from neural_strands.viewer.plane_handle import PlaneHandle, middle_of
-from neural_strands.viewer.wind_panel import add_wind_panel
+from neural_strands.viewer.panels.plane_handle import PlaneHandle, middle_of
+from neural_strands.viewer.panels.wind import add_wind_panel
 
 if TYPE_CHECKING:
     import viser

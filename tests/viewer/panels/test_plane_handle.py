@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from neural_strands.viewer.plane_handle import middle_of, plane_of
+from neural_strands.viewer.panels.plane_handle import middle_of, plane_of
 
 
 def test_a_level_plane_cuts_what_is_below():
