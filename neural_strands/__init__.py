@@ -35,7 +35,7 @@ _LOCATIONS = {
 }
 """The module of each public name."""
 
-__all__ = ["__version__", *_LOCATIONS]  # noqa: PLE0604
+__all__ = ["__version__", *_LOCATIONS]  # noqa: PLE0604  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

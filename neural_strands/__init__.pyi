@@ -19,4 +19,5 @@ from neural_strands.grooms.groom import Groom as Groom
 from neural_strands.grooms.io import read_groom as read_groom
 from neural_strands.model.renderer import HairRenderer as HairRenderer
 
+__all__: list[str]
 __version__: str

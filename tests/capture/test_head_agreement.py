@@ -1,6 +1,7 @@
 """Heads in and out of their place, against masks of what cameras see of the right one."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -13,7 +14,7 @@ from neural_strands.capture.head import read_head
 from neural_strands.capture.head_agreement import head_agreement
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.views import Views
+from neural_strands.geometry.views import Mask, Views
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.hairline import measure_head
 
@@ -27,7 +28,7 @@ def head() -> tuple[Mesh, torch.Tensor]:
     return mesh, torch.nonzero(mesh.corners().mean(dim=1) @ BACKWARD > 0.1 * RADIUS).squeeze(1)
 
 
-def masked(found: list[Camera], hair: list[torch.Tensor | None], person: list[torch.Tensor | None]) -> Views:
+def masked(found: list[Camera], hair: Sequence[Mask | None], person: Sequence[Mask | None]) -> Views:
     parts = {"hair_mask": hair, "person_mask": person}
     return Views(tuple(found), tuple(mask is not None for mask in hair), lambda index, part: parts[part][index])
 
@@ -125,10 +126,12 @@ def test_what_no_view_tells_is_none():
 def test_true_heads_of_captures_are_told_from_wrong_ones(shared_data, name):
     capture = Capture.load(shared_data / "captures" / name)
     file = read_head(capture)
+    assert file is not None
+    assert file.scalp_faces is not None
     mesh, scalp = file.mesh, file.scalp_faces
     places = torch.linspace(0, len(capture) - 1, COMPARED_VIEWS).round().int().tolist()
     views = capture.subset(places).views_on()
-    hair = [views.hair_mask(index) for index in range(len(views))]
+    hair = [mask for index in range(len(views)) if (mask := views.hair_mask(index)) is not None]
     bodies = [(rasterise_triangles(mesh.vertices, mesh.faces, camera).face >= 0).float() for camera in views.cameras]
     person = [torch.maximum(mask, body) for mask, body in zip(hair, bodies, strict=True)]
     both = masked(list(views.cameras), hair, person)

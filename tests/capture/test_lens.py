@@ -10,7 +10,8 @@ SIZE = (120, 90)
 
 
 def lens(*coefficients: float) -> Lens:
-    return Lens((100.0, 104.0, 61.0, 44.5), coefficients, *SIZE)
+    k1, k2, p1, p2, k3 = coefficients
+    return Lens((100.0, 104.0, 61.0, 44.5), (k1, k2, p1, p2, k3), *SIZE)
 
 
 @pytest.mark.parametrize("coefficients", [(0.1, -0.05, 0.002, -0.003, 0.01), (-0.2, 0.03, 0.0, 0.0, 0.0)])

@@ -150,7 +150,9 @@ def test_heads_come_back_to_the_last_bit(tmp_path, generator):
         assert torch.equal(head.mesh.vertices, mesh.vertices)
         assert torch.equal(head.mesh.faces, mesh.faces)
         assert (head.mesh.corner_uv is None) == (mesh.corner_uv is None)
-        assert mesh.corner_uv is None or torch.equal(head.mesh.corner_uv, mesh.corner_uv)
+        if mesh.corner_uv is not None:
+            assert head.mesh.corner_uv is not None
+            assert torch.equal(head.mesh.corner_uv, mesh.corner_uv)
         assert head.scalp_faces.tolist() == [1]
     CaptureWriter(tmp_path).write_head(plain)
     assert read_head_file(tmp_path / "head.obj").scalp is None

@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import torch
 
-from neural_strands.cli.commands.convert import axes_to_world
+from neural_strands.cli.commands.convert import Axis, axes_to_world
 from neural_strands.cli.commands.info import guess_unit
 from neural_strands.cli.main import main
 from neural_strands.grooms.groom import Groom
@@ -140,9 +141,9 @@ def test_unknown_output_is_refused_before_reading(tmp_path: Path, capsys: pytest
     assert "out.abc: expected a groom with one of" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
-def test_axes_make_a_rotation(up: str):
-    for front in ("x", "y", "z", "-x", "-y", "-z"):
+@pytest.mark.parametrize("up", get_args(Axis))
+def test_axes_make_a_rotation(up: Axis):
+    for front in get_args(Axis):
         if front[-1] != up[-1]:
             turn = axes_to_world(up, front)
             torch.testing.assert_close(turn @ turn.T, torch.eye(3))

@@ -28,12 +28,15 @@ def ball(tmp_path, monkeypatch):
 
 
 def mask_of(image_path):
-    return cv2.imread(str(image_path.parents[1] / "masks" / image_path.name), cv2.IMREAD_UNCHANGED)
+    mask = cv2.imread(str(image_path.parents[1] / "masks" / image_path.name), cv2.IMREAD_UNCHANGED)
+    assert mask is not None
+    return mask
 
 
 def brighter(path):
     """The photograph, CHANGE levels brighter where there is hair."""
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    assert image is not None
     return np.where(mask_of(path)[..., None] > 127, image + CHANGE, image).astype(np.uint8)
 
 

@@ -49,30 +49,36 @@ def test_fraction_keeps_that_share_of_every_strand(strands):
     assert torch.allclose(cut_hair(Haircut(fraction=0.25, uneven=0.0), straight).points[0, -1, 0], torch.tensor(0.075))
 
 
+def beyond_the_plane(point):
+    return 0.3 * point[0] + point[1] - 0.1 > 0
+
+
+def outside_the_box(point):
+    return not (-0.1 <= point[0] <= 0.2 and -0.02 <= point[1] <= 0.2 and -0.12 <= point[2] <= 0.12)
+
+
+def outside_the_ball(point):
+    # The ball's faces lie up to 0.3 mm inside the sphere.
+    return math.hypot(*point) > 0.1099
+
+
 @pytest.mark.parametrize("way", ["plane", "box", "mesh"])
 def test_shapes_cut_where_a_walk_leaves_them(strands, way, tmp_path):
     some = strands.select(torch.arange(0, 200, 10))
     if way == "plane":
-        setting = (0.0, 0.1, 0.0, 0.3, 1.0, 0.0)
-
-        def outside(point):
-            return 0.3 * point[0] + point[1] - 0.1 > 0
+        haircut = Haircut(plane=(0.0, 0.1, 0.0, 0.3, 1.0, 0.0), uneven=0.0)
+        outside = beyond_the_plane
     elif way == "box":
-        setting = (0.2, 0.2, 0.12, -0.1, -0.02, -0.12)
-
-        def outside(point):
-            return not (-0.1 <= point[0] <= 0.2 and -0.02 <= point[1] <= 0.2 and -0.12 <= point[2] <= 0.12)
+        haircut = Haircut(box=(0.2, 0.2, 0.12, -0.1, -0.02, -0.12), uneven=0.0)
+        outside = outside_the_box
     else:
         ball = trimesh.creation.icosphere(subdivisions=3, radius=0.11)
         ball.export(tmp_path / "ball.ply")
-        setting = str(tmp_path / "ball.ply")
-
-        def outside(point):
-            # The ball's faces lie up to 0.3 mm inside the sphere.
-            return math.hypot(*point) > 0.1099
+        haircut = Haircut(mesh=str(tmp_path / "ball.ply"), uneven=0.0)
+        outside = outside_the_ball
 
     expected = torch.tensor([walk(each, outside) for each in some.points.tolist()])
-    cut = cut_hair(Haircut(**{way: setting}, uneven=0.0), some)
+    cut = cut_hair(haircut, some)
     remain = expected >= torch.minimum(lengths(some.points), torch.tensor(SHORTEST))
     assert len(cut) == int(remain.sum())
     # The first crossing within a segment is exact for planes; elsewhere the distance is not linear along it.

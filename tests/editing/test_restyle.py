@@ -84,7 +84,7 @@ def test_blend_and_transfer(model, tmp_path):
     assert torch.allclose(transfer(Transfer(path), shape, model).texture, other.textures.shape, atol=1e-5)
     assert torch.equal(blend(Blend(path, 0.0), shape, model).texture, shape.texture)
     with torch.no_grad():
-        other.generator.linear.bias += 0.1
+        other.generator.linear.bias.add_(0.1)
     save_hair_model(other, tmp_path / "other" / "model")
     with pytest.raises(InputError, match="expected a run with the same strand prior, found another"):
         transfer(Transfer(str(tmp_path / "other")), shape, model)

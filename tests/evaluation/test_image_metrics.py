@@ -10,7 +10,8 @@ from neural_strands.evaluation.structural_loss import structural_loss
 
 
 def images(generator: torch.Generator, height: int = 24, width: int = 31) -> tuple[torch.Tensor, torch.Tensor]:
-    return (torch.rand(height, width, 3, generator=generator, dtype=torch.float64) for _ in range(2))
+    first, second = torch.rand(2, height, width, 3, generator=generator, dtype=torch.float64)
+    return first, second
 
 
 def test_psnr_of_a_constant_error():
@@ -81,6 +82,7 @@ def test_structural_loss_is_differentiable_and_masked(generator):
     empty = structural_loss(b.requires_grad_(), a.detach(), torch.zeros(24, 31, dtype=torch.float64))
     assert empty.item() == 0
     empty.backward()
+    assert b.grad is not None
     assert torch.equal(b.grad, torch.zeros_like(b))
 
 

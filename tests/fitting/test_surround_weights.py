@@ -76,6 +76,7 @@ def shorten_the_person(folder, with_person_masks):
         shown = (face >= 0) & (middle[face.clamp(min=0)] > CHIN)
         path = folder / "images" / camera.name
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        assert image is not None
         image[((face >= 0) & ~shown & (hair == 0)).numpy()] = 153
         assert cv2.imwrite(str(path), image)
         person = (shown | (hair > 0)).byte().mul(255).numpy().astype(np.uint8)

@@ -1,5 +1,8 @@
 """Warp kernels over torch tensors: the same values as torch, in one piece or split."""
 
+# Warp's kernel language is not Python's type system.
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 
 import pytest
@@ -10,13 +13,13 @@ from neural_strands.foundation.kernels import SMALLEST_SHARE, array, launch, lau
 
 
 @wp.kernel
-def _double(values: wp.array(dtype=wp.float32), result: wp.array(dtype=wp.float32)):
+def _double(values: wp.array[wp.float32], result: wp.array[wp.float32]):
     index = wp.tid()
     result[index] = 2.0 * values[index]
 
 
 @wp.kernel
-def _square(start: int, values: wp.array(dtype=wp.float32), result: wp.array(dtype=wp.float32)):
+def _square(start: int, values: wp.array[wp.float32], result: wp.array[wp.float32]):
     index = start + wp.tid()
     result[index] = values[index] * values[index]
 

@@ -29,7 +29,7 @@ def test_spline_agrees_with_scipy(count: int, generator: torch.Generator):
         chords = np.linalg.norm(np.diff(points[k].numpy(), axis=0), axis=1)
         np.testing.assert_allclose(np.diff(knots), chords, rtol=1e-12)
         np.testing.assert_allclose(bend[[0, -1]], bend[[1, -2]])
-        scipy_spline = CubicSpline(knots, points[k].numpy(), bc_type=((2, bend[0]), (2, bend[-1])))
+        scipy_spline = CubicSpline(knots, points[k].numpy(), bc_type=((2, bend[0]), (2, bend[-1])))  # pyright: ignore[reportArgumentType]
         np.testing.assert_allclose(scipy_spline(knots, 2), bend, atol=1e-9)
         for segment in range(count - 1):
             index = torch.full((4, 7), segment)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from trimesh.path import Path3D
 
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import read_groom, write_groom
@@ -68,6 +69,7 @@ def test_others_read_our_ply(tmp_path: Path, ragged_groom: Groom):
     """trimesh skips the element of our own and finds the points."""
     write_groom(tmp_path / "a.ply", ragged_groom)
     cloud = trimesh.load(tmp_path / "a.ply")
+    assert isinstance(cloud, Path3D)
     np.testing.assert_array_equal(np.asarray(cloud.vertices, dtype=np.float32), ragged_groom.vertices.numpy())
 
 

@@ -159,9 +159,8 @@ def test_npz_pickle_is_not_opened(tmp_path: Path):
 @pytest.mark.parametrize("value", [-0.1, 1.5])
 def test_parameters_outside_a_strand_are_refused(value: float, tmp_path: Path, uniform_groom: Groom):
     path = tmp_path / "a.npz"
-    arrays = {"vertices": uniform_groom.vertices.numpy(), "offsets": uniform_groom.offsets.numpy()}
     t = np.linspace(0, 1, 30, dtype=np.float32)
     t[7] = value
-    np.savez(path, **arrays, t=t)
+    np.savez(path, vertices=uniform_groom.vertices.numpy(), offsets=uniform_groom.offsets.numpy(), t=t)
     with pytest.raises(InputError, match=r"row 7: expected parameters t from 0 to 1"):
         read_groom(path)

@@ -1,5 +1,8 @@
 """USD as other programs write it: units, axes, transforms, cubic bases; oracles are pxr and scipy."""
 
+# The bindings of USD have no stubs.
+# pyright: reportAttributeAccessIssue=false
+
 from pathlib import Path
 from typing import Any
 

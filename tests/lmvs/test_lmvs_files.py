@@ -9,6 +9,7 @@ import trimesh
 from damage import EDIT, damage, fuzz, read_or_refuse
 from hypothesis import given
 from hypothesis import strategies as st
+from trimesh.path import Path3D
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
@@ -60,6 +61,7 @@ def test_a_damaged_source_is_one_sentence(tmp_path: Path, segments: LineSegments
 def test_trimesh_reads_the_ply(tmp_path: Path, segments: LineSegments):
     save_segments(tmp_path / "a.ply", segments)
     loaded = trimesh.load(tmp_path / "a.ply", process=False)
+    assert isinstance(loaded, Path3D)
     assert np.allclose(loaded.vertices, segments.points.numpy(), atol=1e-6)
     data = loaded.metadata["_ply_raw"]
     assert data["vertex"]["data"]["segment_id"].ravel().tolist() == segments.segment_id.tolist()

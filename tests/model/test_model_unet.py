@@ -17,16 +17,17 @@ def network(alias_free: bool = True, seed: int = 0) -> UNet:
 
 
 def pyramid(height: int, width: int, generator: torch.Generator) -> list[torch.Tensor]:
-    sizes = [(-(-height // 2**level), -(-width // 2**level)) for level in range(SMALL.levels)]
-    return [torch.randn(1, CHANNELS, *size, generator=generator, requires_grad=True) for size in sizes]
+    shapes = [(1, CHANNELS, -(-height // 2**level), -(-width // 2**level)) for level in range(SMALL.levels)]
+    return [torch.randn(shape, generator=generator, requires_grad=True) for shape in shapes]
 
 
 @pytest.mark.parametrize("alias_free", [True, False])
 @pytest.mark.parametrize("size", [(16, 24), (17, 31), (1, 5), (33, 2)])
 def test_any_size_gives_one_output_a_pixel_and_gradients_everywhere(alias_free, size, generator):
-    maps, net = pyramid(*size, generator), network(alias_free)
+    height, width = size
+    maps, net = pyramid(height, width, generator), network(alias_free)
     image = net(maps)
-    assert image.shape == (1, 4, *size)
+    assert image.shape == (1, 4, height, width)
     image.square().sum().backward()
     for tensor in (*maps, *net.parameters()):
         assert tensor.grad is not None

@@ -12,8 +12,10 @@ from neural_strands.pictures.encoding import encode_png, encode_webp, to_bytes, 
 
 def decoded(data: bytes) -> np.ndarray:
     samples = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    order = {2: ..., 3: [2, 1, 0], 4: [2, 1, 0, 3]}[samples.ndim if samples.ndim == 2 else samples.shape[2]]
-    return samples if order is ... else samples[..., order]
+    assert samples is not None
+    if samples.ndim == 2:
+        return samples
+    return samples[..., [2, 1, 0] if samples.shape[2] == 3 else [2, 1, 0, 3]]
 
 
 def test_values_go_to_the_nearest_of_256_levels_and_are_clamped(generator):

@@ -26,7 +26,7 @@ def wrapper(monkeypatch: pytest.MonkeyPatch):
             self.x = x
 
     Ch.__module__, Ch.__qualname__ = "chumpy.ch", "Ch"
-    module.Ch = Ch
+    vars(module)["Ch"] = Ch
     monkeypatch.setitem(sys.modules, "chumpy", types.ModuleType("chumpy"))
     monkeypatch.setitem(sys.modules, "chumpy.ch", module)
     return Ch

@@ -133,7 +133,7 @@ def test_cameras_of_larger_copies_are_scaled_and_found_by_stem(tmp_path: Path):
     shots = [Photograph(f"{name}.png", f"{name}.JPG", 60, 40) for name in "abcd"]
     for shot in shots:
         write_picture(images / shot.name, np.zeros((40, 60, 3), np.uint8))
-    lens = Lens((700.0, 700.0, 303.0, 195.0), (0.0,) * 5, 600, 400)
+    lens = Lens((700.0, 700.0, 303.0, 195.0), (0.0, 0.0, 0.0, 0.0, 0.0), 600, 400)
     said: list[str] = []
     posed = {f"{name}.tiff": PosedLens(lens, some_pose()) for name in "ABC"}
     calibrate(images, shots, posed, SparsePoints.none(), out, said.append)
@@ -145,7 +145,7 @@ def test_cameras_of_larger_copies_are_scaled_and_found_by_stem(tmp_path: Path):
 
 
 def test_photographs_of_another_shape_or_name_are_refused(tmp_path: Path):
-    lens = Lens((700.0, 700.0, 303.0, 195.0), (0.0,) * 5, 400, 600)
+    lens = Lens((700.0, 700.0, 303.0, 195.0), (0.0, 0.0, 0.0, 0.0, 0.0), 400, 600)
     shots = [Photograph(f"{name}.png", f"{name}.JPG", 60, 40) for name in "abc"]
     posed = {f"{name}.JPG": PosedLens(lens, some_pose()) for name in "abc"}
     (tmp_path / "out").mkdir()

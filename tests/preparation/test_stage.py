@@ -27,7 +27,10 @@ def test_a_stage_is_done_once_for_the_same_inputs(tmp_path: Path):
 
 
 def test_a_stage_that_fails_leaves_what_was_there(tmp_path: Path):
-    run_stage(tmp_path / "a", {"x": 1}, lambda folder: (folder / "result").write_text("old") and None)
+    def work(folder: Path) -> None:
+        (folder / "result").write_text("old")
+
+    run_stage(tmp_path / "a", {"x": 1}, work)
 
     def fail(folder: Path):
         (folder / "result").write_text("half")

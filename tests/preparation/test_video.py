@@ -18,7 +18,7 @@ def frame(number: int, blurred: bool) -> np.ndarray:
 
 
 def write_video(path: Path, count: int, sharp: set[int]) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (128, 96))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (128, 96))
     for number in range(count):
         writer.write(frame(number, number not in sharp))
     writer.release()

@@ -17,7 +17,7 @@ from neural_strands.prior.analysis import (
 )
 from neural_strands.prior.curves import synthetic_curves
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
-from neural_strands.prior.synthesiser import SynthesiserConfig, times
+from neural_strands.prior.synthesiser import Modulation, Output, SynthesiserConfig, times
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_a_step_of_refinement_lowers_the_error(fitted: StrandGenerator) -> None:
 
 @pytest.mark.parametrize("output", ["gradient", "position"])
 @pytest.mark.parametrize("modulation", ["all", "amplitude"])
-def test_every_kind_of_synthesiser_is_analysed(output: str, modulation: str) -> None:
+def test_every_kind_of_synthesiser_is_analysed(output: Output, modulation: Modulation) -> None:
     config = GeneratorConfig(layers=0, synthesiser=SynthesiserConfig(output=output, modulation=modulation))
     net = StrandGenerator(config).requires_grad_(False)
     curves = synthetic_curves(300, torch.Generator().manual_seed(0))

@@ -71,7 +71,8 @@ def test_the_default_trains_every_part_and_logs(tmp_path: Path) -> None:
     out = tmp_path / "prior.safetensors"
     prior = train_prior(out, TINY, seed=1)
     assert held_out_error(prior, held_out_curves(1, TINY.curves)) < 0.5
-    assert prior.generator.modulator.networks[0][-1].weight.abs().max() > 0
+    coupling = dict(prior.generator.modulator.named_parameters())
+    assert coupling["networks.0.4.weight"].abs().max() > 0
     assert prior.encoder.log_std.weight.abs().max() > 0
     lines = [json.loads(line) for line in out.with_suffix(".log.jsonl").read_text().splitlines()]
     assert {"stage", "step", "held_out_mm", "seconds"} <= set(lines[-1])

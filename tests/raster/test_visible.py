@@ -137,7 +137,8 @@ def test_hidden_points_get_no_gradient(generator, camera):
     visible = visible_points(buffer, points)
     pixels, _ = camera.project(visible.world)
     features = torch.cat([blended(values, visible), visible_directions(points, visible)], dim=1)
-    sum(plane.square().sum() for found in splat_pyramid(pixels, features, SIZE[::-1], 3) for plane in found).backward()
+    planes = [plane for found in splat_pyramid(pixels, features, (SIZE[1], SIZE[0]), 3) for plane in found]
+    torch.stack([plane.square().sum() for plane in planes]).sum().backward()
     seen = torch.zeros(60, 10, dtype=torch.bool)
     seen[visible.strand, visible.vertex] = True
     seen[visible.strand, visible.vertex + 1] = True
@@ -208,7 +209,7 @@ def test_a_strand_three_pixels_off_is_pulled_onto_its_target_by_splat_alone():
     truth = torch.tensor([[8.0, 12.0], [22.0, 10.0], [40.0, 30.0]])
 
     def maps(control):
-        return splat_pyramid(basis @ control, torch.ones(60, 1), SIZE[::-1], 4)
+        return splat_pyramid(basis @ control, torch.ones(60, 1), (SIZE[1], SIZE[0]), 4)
 
     target = maps(truth)
     start = (truth + torch.tensor([[0.0, -4.0], [0.0, -1.0], [0.0, -4.0]])).requires_grad_()
@@ -224,7 +225,7 @@ def test_a_drawn_strand_three_pixels_off_is_pulled_onto_its_target(camera):
         points = torch.lerp(ends[:1], ends[1:], torch.linspace(0, 1, 20)[:, None])[None]
         visible = visible_points(rasterise_lines(points, camera), points)
         pixels, _ = camera.project(visible.world)
-        return splat_pyramid(pixels, torch.ones(len(visible), 1), SIZE[::-1], 4)
+        return splat_pyramid(pixels, torch.ones(len(visible), 1), (SIZE[1], SIZE[0]), 4)
 
     target = maps(truth[0, [0, -1]])
     start = (truth[0, [0, -1]] + torch.tensor([0.0, -3.0 / 120, 0.0])).requires_grad_()

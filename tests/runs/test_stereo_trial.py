@@ -41,7 +41,9 @@ def capture(tmp_path, monkeypatch):
     """Photographs of 256 x 256 pixels, each of which takes a known time to read."""
     write_capture(tmp_path / "ball", views=25)
     for path in [*(tmp_path / "ball" / "images").iterdir(), *(tmp_path / "ball" / "masks").iterdir()]:
-        cv2.imwrite(str(path), cv2.resize(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), (256, 256)))
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        cv2.imwrite(str(path), cv2.resize(image, (256, 256)))
     path = tmp_path / "ball" / "transforms.json"
     text = path.read_text().replace('"w": 64', '"w": 256').replace('"h": 64', '"h": 256')
     path.write_text(text.replace("170.0", "680.0").replace("32.0", "128.0"))

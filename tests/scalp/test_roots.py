@@ -85,7 +85,7 @@ def test_frames_are_orthonormal_right_handed_and_outward():
 
 def test_frames_vary_smoothly():
     roots = sample_roots(mannequin(), 20_000, seeded())
-    partner = torch.from_numpy(KDTree(roots.position.numpy()).query(roots.position.numpy(), k=2)[1][:, 1])
+    partner = torch.from_numpy(KDTree(roots.position.numpy()).query(roots.position.numpy(), k=2)[1])[:, 1]
     alike = torch.einsum("rij,rij->ri", roots.frame.transpose(1, 2), roots.frame[partner].transpose(1, 2))
     assert alike.quantile(0.001) > 0.95
     assert alike.min() > 0.5

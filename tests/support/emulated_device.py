@@ -9,6 +9,10 @@ To torch's C++ a `DeviceTensor` is a CPU tensor, because a CPU build has no auto
 sees the device. So whatever names a device passes through `_Devices`, and every operation through `run`.
 """
 
+# Tensors, functions and arrays are given what their own classes do not declare.
+# pyright: reportAttributeAccessIssue=false, reportIncompatibleVariableOverride=false, reportArgumentType=false
+# pyright: reportAssignmentType=false
+
 import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterator

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -38,7 +39,7 @@ class Tab:
         errors: what the page's console called an error, and exceptions of its scripts.
     """
 
-    page: object
+    page: Any
     errors: list[str] = field(default_factory=list)
 
     def picture(self) -> np.ndarray:

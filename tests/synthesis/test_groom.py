@@ -9,12 +9,12 @@ from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.synthesis.groom import make_groom
-from neural_strands.synthesis.styles import MELANIN, STYLES
+from neural_strands.synthesis.styles import MELANIN, STYLES, StyleName
 
 COUNT = 400
 
 
-def _groom(style: str, seed: int = 0, count: int = COUNT):
+def _groom(style: StyleName, seed: int = 0, count: int = COUNT):
     return make_groom(mannequin(), STYLES[style], MELANIN["brown"], count, torch.Generator().manual_seed(seed))
 
 
@@ -57,7 +57,9 @@ def test_the_seed_decides_the_groom():
 def test_a_parting_sends_hair_to_both_sides():
     groom = _groom("straight")
     root, tip = groom.points[:, 0], groom.points[:, 40]
-    side = root[:, 0] - STYLES["straight"].parting
+    parting = STYLES["straight"].parting
+    assert parting is not None
+    side = root[:, 0] - parting
     front_and_top = (root[:, 2] > 0.0) & (root[:, 1] > 0.05) & (side.abs() > 0.01)
     moved = (tip[:, 0] - root[:, 0]) * side.sign()
     assert int(front_and_top.sum()) > 20

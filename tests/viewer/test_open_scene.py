@@ -18,10 +18,13 @@ CPU = torch.device("cpu")
 def test_a_run_has_everything(tiny_run):
     assert kind_of(tiny_run) == "run"
     scene = open_run(tiny_run, newest_state(RunFolder(tiny_run)), CPU)
+    assert scene.strands is not None
     assert len(scene.strands) == len(scene.renderer.strands) == 200
     assert scene.strands.color is not None
+    assert scene.photographs is not None
     assert len(scene.photographs) == 6
     assert scene.head is not None
+    assert scene.segments is not None
     assert len(scene.segments) > 0
     assert scene.note == ""
 
@@ -48,6 +51,7 @@ def test_a_run_without_a_state_shows_its_capture(tiny_run):
 def test_a_model_alone(tiny_run):
     assert kind_of(tiny_run / "model") == "model"
     scene = open_model(tiny_run / "model", CPU)
+    assert scene.strands is not None
     assert len(scene.strands) == 200
     assert scene.photographs is None
 
@@ -56,8 +60,10 @@ def test_a_capture_shows_its_true_strands(tiny_run):
     capture = tiny_run.parent / "ball"
     assert kind_of(capture) == "capture"
     scene = open_capture(capture)
+    assert scene.strands is not None
     assert len(scene.strands) == 400
     assert scene.renderer is None
+    assert scene.photographs is not None
     assert len(scene.photographs) == 6
 
 

@@ -6,6 +6,7 @@ import sys
 import pytest
 import websockets
 from viser import __version__
+from websockets.typing import Subprotocol
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.viewer.server import LOOPBACK, MOST_BROWSERS, free_port, is_own_page, start_server, stop_server
@@ -53,7 +54,7 @@ def test_pages_of_other_sites_may_not(host, origin):
 async def first_message(port, origin, host=None):
     """What the server sends first, or the code with which it closes."""
     headers = {} if host is None else {"Host": host}
-    subprotocol = [f"viser-v{__version__}"]
+    subprotocol = [Subprotocol(f"viser-v{__version__}")]
     try:
         async with websockets.connect(
             f"ws://{LOOPBACK}:{port}", origin=origin, additional_headers=headers, subprotocols=subprotocol, proxy=None
@@ -74,15 +75,15 @@ def test_no_more_browsers_than_allowed(server):
     port = server.get_port()
 
     async def crowd():
-        address, subprotocol = f"ws://{LOOPBACK}:{port}", [f"viser-v{__version__}"]
+        address, subprotocol = f"ws://{LOOPBACK}:{port}", [Subprotocol(f"viser-v{__version__}")]
         async with contextlib.AsyncExitStack() as inside:
+            connections = []
             for _ in range(MOST_BROWSERS):
-                last = await inside.enter_async_context(
-                    websockets.connect(address, subprotocols=subprotocol, proxy=None)
-                )
-                await asyncio.wait_for(last.recv(), 10)
+                connection = websockets.connect(address, subprotocols=subprotocol, proxy=None)
+                connections.append(await inside.enter_async_context(connection))
+                await asyncio.wait_for(connections[-1].recv(), 10)
             turned_away = await first_message(port, None)
-            await last.close()
+            await connections[-1].close()
             await asyncio.sleep(0.3)
             return turned_away, await first_message(port, None)
 
@@ -95,7 +96,7 @@ def test_nonsense_ends_the_connection_and_nothing_else(server, caplog):
     port = server.get_port()
 
     async def babble(message):
-        address, subprotocol = f"ws://{LOOPBACK}:{port}", [f"viser-v{__version__}"]
+        address, subprotocol = f"ws://{LOOPBACK}:{port}", [Subprotocol(f"viser-v{__version__}")]
         async with websockets.connect(address, subprotocols=subprotocol, proxy=None) as connection:
             await connection.send(message)
             try:
@@ -127,7 +128,7 @@ def test_the_next_port_is_taken_where_one_is_in_use():
 
 
 def test_the_page_is_bound_to_this_machine_alone(server):
-    others = [address for *_, (address, *_) in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    others = [str(address[0]) for *_, address in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
     for address in {address for address in others if not address.startswith("127.")}:
         with pytest.raises(OSError, match=r"refused|unreachable|timed out"):
             socket.create_connection((address, server.get_port()), timeout=2).close()
