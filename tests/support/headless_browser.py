@@ -91,7 +91,7 @@ class Browser:
         chromium: playwright's.
     """
 
-    chromium: object
+    chromium: Any
 
     def open(self, port: int, width: int = 900, height: int = 600) -> Tab:
         """Open the page on a port of this machine."""
