@@ -18,6 +18,7 @@ from neural_strands.editing.outside import CLEARANCE, follow_outside
 from neural_strands.editing.restyle import restyle
 from neural_strands.editing.sample import sample_style
 from neural_strands.editing.settings import KINDS, Blend, Density, Edit, Haircut, Restyle, Sample, Transfer, Wind
+from neural_strands.editing.simulated_wind import SimulatedHair
 from neural_strands.editing.wind import BlownHair
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.files import write_json
@@ -26,6 +27,8 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.strands import Strands, segments
 from neural_strands.model.hair_model import HairModel
 
+HairMotion = BlownHair | SimulatedHair
+"""Hair in the wind at any moment: `wind`, and `at(seconds)`."""
 FORMAT = 1
 """Version of the list's layout."""
 OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {
@@ -68,12 +71,13 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
     return dataclasses.replace(hair, strands=strands)
 
 
-def hair_motion(hair: Hair, edits: Sequence[Edit]) -> BlownHair | None:
+def hair_motion(hair: Hair, edits: Sequence[Edit]) -> HairMotion | None:
     """How hair moves that these edits led to; None where no wind blows."""
     wind = next((edit for edit in reversed(edits) if isinstance(edit, Wind)), None)
-    return (
-        None if wind is None else BlownHair(wind, hair.strands, None if hair.model is None else body_grid(hair.model))
-    )
+    if wind is None:
+        return None
+    body = None if hair.model is None else body_grid(hair.model)
+    return (SimulatedHair if wind.simulate else BlownHair)(wind, hair.strands, body)
 
 
 def kept_outside(strands: Strands, model: HairModel) -> Strands:

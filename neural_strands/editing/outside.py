@@ -13,11 +13,24 @@ ROUNDS = 4
 """Times that a step is turned until it ends outside."""
 CLEARANCE = 0.001
 """Height above the skin that strands keep, metres, except where they were lower to begin with."""
+LED_OUT = 1.0
+"""Seconds of motion after which no point is inside the body."""
 
 
 def rest_clearance(points: Float[Tensor, "strand point 3"], body: SignedDistanceGrid) -> Float[Tensor, "strand point"]:
-    """Height above the body that every point must keep: its own at rest, between 0 and `CLEARANCE`."""
-    return body(points).clamp(0.0, CLEARANCE)
+    """Height above the body that every point may keep at rest: its own, which a fit may have left below 0."""
+    return body(points).clamp(max=CLEARANCE)
+
+
+def clearance_at(rest: Float[Tensor, "strand point"], seconds: float) -> Float[Tensor, "strand point"]:
+    """Least height of every point at a moment of motion: points that were inside are led out little by little.
+
+    Args:
+        rest: `rest_clearance`.
+        seconds: since the hair was at rest.
+    """
+    share = min(max(seconds / LED_OUT, 0.0), 1.0)
+    return torch.lerp(rest, rest.clamp(min=0.0), share)
 
 
 def follow_outside(

@@ -119,7 +119,10 @@ class Sample:
 
 @dataclass(frozen=True)
 class Wind:
-    """Let wind move the hair: gusts that travel through it bend strands, the more the farther from the root."""
+    """Let wind move the hair: gusts that travel through it bend strands, the more the farther from the root.
+
+    Strands keep their lengths and stay out of head and shoulders.
+    """
 
     direction: tuple[Unit, Unit, Unit] = (1.0, 0.0, 0.0)
     """Where the wind blows to (x y z; y is up, z out of the face)."""
@@ -129,10 +132,16 @@ class Wind:
     """How much the wind comes and goes, from 0 (steady) to 1."""
     seconds: Annotated[float, Between(0.0, 600.0)] = 4.0
     """Duration; the wind rises during the first half second."""
+    calm: Annotated[float, Between(0.0, 60.0)] = 0.0
+    """Seconds without wind at the end, in which hair comes to rest again; the wind falls during the first half."""
     fps: Annotated[float, Between(1.0, 240.0)] = 24.0
     """Frames per second."""
     seed: int = 0
     """Seed of the gusts."""
+    simulate: bool = False
+    """Simulate the hair as elastic rods, which swing and slide over head and shoulders, instead of turning it."""
+    guides: Annotated[int, Between(1, 20_000)] = 500
+    """Strands that are simulated; the others follow those around them."""
 
     def __post_init__(self) -> None:
         if math.hypot(*self.direction) < 1e-6:
@@ -141,7 +150,7 @@ class Wind:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return max(1, round(self.seconds * self.fps))
+        return max(1, round((self.seconds + self.calm) * self.fps))
 
 
 Edit = Haircut | Density | Restyle | Blend | Transfer | Sample | Wind

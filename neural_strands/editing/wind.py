@@ -4,74 +4,26 @@ A hair in steady wind hangs along the sum of its weight and the wind's force, so
 m + tau w, where w is the wind's and tau the force over the weight. Here tau grows from nothing at the root, where hair
 is stiff, and varies with gusts: waves that travel with the wind and, later and later, down the strands. Nearby strands
 and moments therefore move alike. All segments of a strand turn about one axis, so that curls keep their shape, and
-lengths stay as they are. Strands are kept out of the head.
+lengths stay as they are. Strands are kept out of the head; what a fit left inside it comes out within a second.
 """
-
-import math
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.editing.gusts import SWERVE, Gusts, blowing, sideways
 from neural_strands.editing.haircut import arc_lengths
-from neural_strands.editing.outside import follow_outside, rest_clearance
+from neural_strands.editing.outside import clearance_at, follow_outside, rest_clearance
 from neural_strands.editing.settings import Wind
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.strands import Strands, segments
 
 STIFF = 0.12
 """Arc length from the root over which hair gives in to the wind, metres."""
-RISE = 0.5
-"""Seconds in which the wind rises."""
-SPEED = 0.8
-"""Speed at which gusts cross the hair, metres per second."""
 DOWN = 0.5
 """Speed at which a gust runs down a strand, metres per second."""
-LONGEST_WAVE, SHORTEST_WAVE = 0.5, 0.06
-"""Size of gusts, metres."""
-WAVES = 6
-"""Number of waves that make up the gusts, and as many the swerves."""
-SWERVE = 0.25
-"""Sideways force over the force along the wind, where gusts are strongest."""
 KNOTS = 9
 """Places along a strand at which gusts are computed; between them they are blended."""
-
-
-@dataclass(frozen=True)
-class Gusts:
-    """Waves that travel with the wind.
-
-    Attributes:
-        waves: wave vectors, radians per metre.
-        speed: angular velocities, radians per second.
-        phase: radians.
-        size: amplitudes; their squares add up to one half.
-    """
-
-    waves: Float[Tensor, "wave 3"]
-    speed: Float[Tensor, " wave"]
-    phase: Float[Tensor, " wave"]
-    size: Float[Tensor, " wave"]
-
-    @classmethod
-    def drawn(cls, wind: Float[Tensor, "3"], random: torch.Generator) -> "Gusts":
-        """Random waves, most of them along the wind, slow large ones stronger than quick small ones."""
-        share = torch.linspace(0, 1, WAVES)
-        length = LONGEST_WAVE * (SHORTEST_WAVE / LONGEST_WAVE) ** share
-        heading = wind.cpu() + 0.5 * torch.randn(WAVES, 3, generator=random)
-        waves = torch.nn.functional.normalize(heading, dim=1) * (2 * math.pi / length)[:, None]
-        size = length**0.5
-        phase = 2 * math.pi * torch.rand(WAVES, generator=random)
-        parts = (waves, SPEED * (waves @ wind.cpu()), phase, size / size.norm())
-        return cls(*(part.to(wind) for part in parts))
-
-    def at(
-        self, places: Float[Tensor, "place 3"], seconds: Float[Tensor, "place moment"]
-    ) -> Float[Tensor, "place moment"]:
-        """Strength of the gusts at places and moments, about between -1 and 1."""
-        angle = (places @ self.waves.T + self.phase)[:, None] - seconds[..., None] * self.speed
-        return angle.sin() @ self.size
 
 
 class BlownHair:
@@ -96,14 +48,12 @@ class BlownHair:
         self.give = 1 - torch.exp(-((arc / STIFF) ** 2))
         self.arc = arc
         self.clearance = None if body is None else rest_clearance(points, body)
-        side = torch.linalg.cross(self.direction, self.direction.roll(1) + 0.1)
-        self.side = torch.nn.functional.normalize(side, dim=0)
+        self.side = sideways(self.direction)
 
     @torch.no_grad()
     def at(self, seconds: float) -> Float[Tensor, "strand point 3"]:
         """Points at a moment, counted from when the wind begins to rise."""
-        rising = min(max(seconds / RISE, 0.0), 1.0)
-        force = self.wind.strength * rising * rising * (3 - 2 * rising)
+        force = self.wind.strength * blowing(self.wind, seconds)
         knots = torch.linspace(0, 1, KNOTS, device=self.roots.device)
         moments = seconds - self.arc[:, -1:] * knots / DOWN
         gust = (1 + self.wind.gusts * self.gusts.at(self.roots, moments)).clamp(min=0.0)
@@ -112,7 +62,7 @@ class BlownHair:
         steps = turned(self.steps, self.mean, towards, force * self._between_knots(gust) * self.give)
         if self.body is None or self.clearance is None:
             return torch.cat([self.roots[:, None], self.roots[:, None] + steps.cumsum(dim=1)], dim=1)
-        return follow_outside(self.roots, steps, self.body, self.clearance)
+        return follow_outside(self.roots, steps, self.body, clearance_at(self.clearance, seconds))
 
     def _between_knots(self, values: Float[Tensor, "strand knot"]) -> Float[Tensor, "strand segment"]:
         """Values at every segment of those at knots evenly spaced along the strand."""

@@ -12,10 +12,16 @@ from pathlib import Path
 
 import torch
 
-from neural_strands.editing.edit_list import FORMAT, apply_edits, edits_as_json, edits_from_json, hair_motion
+from neural_strands.editing.edit_list import (
+    FORMAT,
+    HairMotion,
+    apply_edits,
+    edits_as_json,
+    edits_from_json,
+    hair_motion,
+)
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import Edit
-from neural_strands.editing.wind import BlownHair
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_folder, write_json
 from neural_strands.foundation.json_files import check_format, read_json
@@ -56,7 +62,7 @@ class EditedHair:
         together = (*self.edits, *edits)
         return replace(self, edits=together, hair=apply_edits(self.fitted, together))
 
-    def motion(self) -> BlownHair | None:
+    def motion(self) -> HairMotion | None:
         """How the hair moves; None where no wind blows."""
         return hair_motion(self.hair, self.edits)
 

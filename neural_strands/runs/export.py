@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from neural_strands.editing.edit_list import hair_motion
+from neural_strands.editing.edit_list import HairMotion, hair_motion
 from neural_strands.editing.guides import choose_guides
 from neural_strands.editing.hair import Hair
-from neural_strands.editing.wind import BlownHair
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.resample import resample
 from neural_strands.geometry.strands import Strands
@@ -50,7 +49,7 @@ def export_hair(edited: EditedHair, path: Path, config: ExportConfig, blender: B
     return strands
 
 
-def groom_motion(blown: BlownHair | None) -> Motion | None:
+def groom_motion(blown: HairMotion | None) -> Motion | None:
     """The motion of a groom whose hair is blown."""
     if blown is None:
         return None

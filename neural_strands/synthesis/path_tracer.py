@@ -60,8 +60,22 @@ class TracingConfig:
 class PathTracer:
     """Strands on a head, ready to be rendered from any camera."""
 
-    def __init__(self, head: Head, strands: Strands, config: TracingConfig, generator: torch.Generator) -> None:
+    def __init__(
+        self,
+        head: Head,
+        strands: Strands,
+        config: TracingConfig,
+        generator: torch.Generator,
+        middle: Float[Tensor, "3"] | None = None,
+    ) -> None:
         """Load the scene; geometry passes through a temporary folder.
+
+        Args:
+            head: what the hair grows on.
+            strands: the hair, world metres.
+            config: quality and look.
+            generator: draws pigments, skin and surroundings.
+            middle: what the lights stand around, world metres; by default the middle of the hair.
 
         Raises:
             InputError: Mitsuba is not installed, or a quality setting is out of range.
@@ -70,7 +84,8 @@ class PathTracer:
             raise InputError("samples, mask_samples, depth, pigments and passes: expected at least 1 of each.")
         self._mi = load_mitsuba()
         self._config = config
-        middle = (strands.points.amin(dim=(0, 1)) + strands.points.amax(dim=(0, 1))) / 2
+        if middle is None:
+            middle = (strands.points.amin(dim=(0, 1)) + strands.points.amax(dim=(0, 1))) / 2
         melanin = draw_melanin(config.melanin, len(strands), generator)
         with tempfile.TemporaryDirectory(prefix="neural-strands-") as folder:
             groups = _write_hair(Path(folder), strands, melanin, config.pigments)

@@ -5,7 +5,13 @@ import torch
 from tiny_hair import RADIUS, tiny_hair_model
 
 from neural_strands.editing.hair import Hair
-from neural_strands.editing.outside import CLEARANCE, follow_outside, follow_outside_reference, rest_clearance
+from neural_strands.editing.outside import (
+    CLEARANCE,
+    clearance_at,
+    follow_outside,
+    follow_outside_reference,
+    rest_clearance,
+)
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.strands import segments
 
@@ -36,5 +42,19 @@ def test_steps_outside_are_followed_as_they_are(ball):
     points = follow_outside(strands.points[:, 0], segments(strands.points), ball, clearance)
     assert outside.any()
     assert torch.allclose(points[outside], strands.points[outside], atol=2e-4)
-    assert (clearance >= 0).all()
     assert (clearance <= CLEARANCE).all()
+
+
+def test_points_inside_stay_at_first_and_are_led_out_within_a_second(ball):
+    inward = torch.linspace(0, 0.03, 10)
+    points = torch.stack([0 * inward, RADIUS - inward, 0 * inward], dim=1)[None].contiguous()
+    clearance = rest_clearance(points, ball)
+    assert clearance.min() < -0.02
+    steps, before = segments(points), points
+    for moment in range(41):
+        after = follow_outside(points[:, 0], steps, ball, clearance_at(clearance, moment / 20))
+        # Without a jump, neither from rest nor on the way.
+        assert (after - before).norm(dim=-1).max() < 8e-3
+        before = after
+    assert torch.allclose(follow_outside(points[:, 0], steps, ball, clearance_at(clearance, 0.0)), points, atol=1e-6)
+    assert (before[:, 1:].norm(dim=-1) > RADIUS - 1e-3).all()

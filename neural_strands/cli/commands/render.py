@@ -19,7 +19,7 @@ from neural_strands.foundation.progress import track
 if TYPE_CHECKING:
     import numpy as np
 
-    from neural_strands.editing.wind import BlownHair
+    from neural_strands.editing.edit_list import HairMotion
     from neural_strands.geometry.cameras import Camera
     from neural_strands.geometry.strands import Strands
     from neural_strands.model.hair_model import RenderOutput
@@ -151,7 +151,7 @@ class Render:
 
 
 def _frames(
-    renderer: "HairRenderer", cameras: "list[Camera]", motion: "BlownHair | None"
+    renderer: "HairRenderer", cameras: "list[Camera]", motion: "HairMotion | None"
 ) -> "Iterator[tuple[str, RenderOutput]]":
     """Names and pictures: one per camera or, of hair that moves, one per frame."""
     if motion is None:

@@ -1,0 +1,161 @@
+"""Shadows after a haircut: an edited render against path-traced pictures of the same haircut.
+
+    python benchmarks/quality/haircut.py --out haircut
+
+A groom is path traced before and after a haircut, with the same cameras, lights and pigments. Appearance is fitted to
+the pictures of before, on the true strands, so that geometry plays no part. Then the true strands are cut and rendered:
+once with the density of the hair that is left, which is what an edit does, and once with that of the hair that was, as
+if light had not changed. Scores are those of the hair in the pictures of after, in which the fit had no share; bias is
+the mean of render minus truth there, in 8-bit levels. Prints one JSON object, and writes rows of pictures under --out:
+before, rendered and true; after, with the new volume, with the old one, and true.
+"""
+
+import json
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+import tyro
+from appearance import Arguments as Fitting
+from appearance import scores, strand_segments, summary
+
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
+from neural_strands.editing.haircut import cut_hair
+from neural_strands.editing.settings import Haircut
+from neural_strands.evaluation.lpips import find_lpips
+from neural_strands.fitting.fit import fit, start_fit
+from neural_strands.fitting.fit_data import gather_fit_data
+from neural_strands.foundation.memory import keep_freed_memory
+from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.views import View
+from neural_strands.model.files import save_hair_model
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.renderer import HairRenderer
+from neural_strands.pictures.encoding import write_png
+from neural_strands.prior.generator import StrandGenerator
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.mannequin import mannequin
+from neural_strands.scalp.roots import attach_roots
+from neural_strands.synthesis.dome import DomeConfig
+from neural_strands.synthesis.groom import make_groom
+from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
+from neural_strands.synthesis.styles import STYLES, StyleName
+from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """The hair, its haircut, and how long appearance is fitted."""
+
+    out: Path = Path("haircut")
+    """Folder of the capture, the model and the pictures."""
+    style: StyleName = "straight"
+    """Style of the groom."""
+    strands: int = 4000
+    """Strands of the groom."""
+    length: float = 0.1
+    """What the haircut leaves, metres."""
+    views: int = 14
+    """Cameras; every fifth is held out of the fit."""
+    size: int = 192
+    """Side of the pictures, pixels."""
+    samples: int = 16
+    """Light paths per pixel."""
+    steps: int = 1500
+    """Gradient steps of the fit."""
+    seed: int = 0
+    """Of the groom, the noise and the fit."""
+
+
+def captured(arguments: Arguments) -> tuple[Capture, SynthesisConfig]:
+    """The capture of before; finished views are kept."""
+    head, tracing = mannequin(), TracingConfig(samples=arguments.samples)
+    config = SynthesisConfig(DomeConfig(arguments.views, arguments.size), tracing, arguments.seed)
+    random = torch.Generator().manual_seed(arguments.seed)
+    groom = make_groom(head, STYLES[arguments.style], config.tracing.melanin, arguments.strands, random)
+    folder = arguments.out / "capture"
+    synthesize(folder, head, groom, config, {"style": arguments.style, "strands": arguments.strands})
+    return Capture.load(folder), config
+
+
+def pictures_after(
+    head: Head, before: Strands, after: Strands, config: SynthesisConfig, views: list[View]
+) -> list[View]:
+    """The same cameras' pictures of the cut hair, in the light of before."""
+    middle = (before.points.amin(dim=(0, 1)) + before.points.amax(dim=(0, 1))) / 2
+    tracer = PathTracer(head, after, config.tracing, torch.Generator().manual_seed(config.seed), middle)
+    found = []
+    for index, view in enumerate(views):
+        hair, person = tracer.coverage(view.camera).unbind(dim=-1)
+        found.append(View(view.camera, tracer.image(view.camera, index), hair, person))
+    return found
+
+
+def fitted(arguments: Arguments, capture: Capture, head: Head, strands: Strands) -> HairModel:
+    """Appearance, fitted to the pictures of before."""
+    config = Fitting(steps=arguments.steps, crop=96, seed=arguments.seed).config()
+    roots = attach_roots(head, strands.points[:, 0])
+    random = torch.Generator().manual_seed(arguments.seed)
+    model = HairModel(config.model, roots, StrandGenerator(), head.mesh, random)
+    lpips, _ = find_lpips("squeeze", fetch=False)
+    state = start_fit(model, config)
+    state.drawn = strands.points
+    data = gather_fit_data(capture, head, strand_segments(strands), config, torch.device("cpu"))
+    fit(state, data, config, lpips)
+    return model.eval()
+
+
+def compared(
+    model: HairModel, strands: Strands, after: Strands, views: list[View], truth: list[View], out: Path
+) -> dict[str, object]:
+    """Scores of all renders, and pictures side by side."""
+    lpips, reason = find_lpips("squeeze", fetch=False)
+    uncut = HairRenderer.of(model, strands)
+    new = uncut.showing(after)
+    renderers = {"follows_the_cut": new, "ignores_the_cut": replace(new, volume=uncut.volume)}
+    rows: dict[str, list[list[float]]] = {name: [] for name in ("before", *renderers)}
+    biases: dict[str, list[float]] = {name: [] for name in renderers}
+    for view, true in zip(views, truth, strict=True):
+        first = uncut.render(view.camera).rgb
+        rows["before"].append(scores(first, view, lpips))
+        pictures = [first, view.image]
+        hair = true.hair_mask > 0.5 if true.hair_mask is not None else slice(None)
+        for name, renderer in renderers.items():
+            picture = renderer.render(true.camera).rgb
+            rows[name].append(scores(picture, true, lpips))
+            biases[name].append(255 * float((picture.clamp(0, 1) - true.image)[hair].mean()))
+            pictures.append(picture)
+        write_png((out / "rows" / view.camera.name).with_suffix(".png"), torch.cat([*pictures, true.image], dim=1))
+    figures: dict[str, object] = {name: summary(values) for name, values in rows.items()}
+    for name, values in biases.items():
+        figures[f"bias_{name}"] = round(sum(values) / len(values), 2)
+    return {**figures, "lpips": reason or "squeeze"}
+
+
+def main(arguments: Arguments) -> None:
+    """Trace, fit, cut, compare, print."""
+    keep_freed_memory()
+    begin = time.perf_counter()
+    capture, config = captured(arguments)
+    if capture.ground_truth is None:
+        sys.exit(f"{capture.folder}: expected ground_truth.npz, found none")
+    head = find_head(capture)
+    strands = replace(capture.ground_truth, root_uv=attach_roots(head, capture.ground_truth.points[:, 0]).uv)
+    after = cut_hair(Haircut(length=arguments.length), strands)
+    views = capture.views_on("cpu")
+    everything = [views[index] for index in range(len(capture))]
+    truth = pictures_after(head, strands, after, config, everything)
+    traced = time.perf_counter()
+    model = fitted(arguments, capture, head, strands)
+    save_hair_model(model, arguments.out / "model", {"benchmark": "haircut"})
+    figures = compared(model, strands, after, everything, truth, arguments.out)
+    minutes = {"traced": (traced - begin) / 60, "fitted_and_scored": (time.perf_counter() - traced) / 60}
+    figures |= {f"minutes_{name}": round(value, 1) for name, value in minutes.items()}
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

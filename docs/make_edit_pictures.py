@@ -1,0 +1,98 @@
+"""Draw the pictures of edits: the hair as it was fitted and after an edit, side by side.
+
+    python docs/make_edit_pictures.py RUN OTHER            # all, into docs/pictures
+    python docs/make_edit_pictures.py RUN OTHER --only wind haircut
+
+RUN is the run of `neural-strands demo`, OTHER one of other hair, for `blend` and `transfer`. The camera stands where
+the hair of RUN is seen well, and stays. `edits.png` puts the four of the README side by side.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import torch
+import tyro
+
+from neural_strands.editing.edit_list import hair_motion
+from neural_strands.editing.settings import Blend, Density, Edit, Haircut, Restyle, Sample, Transfer, Wind
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.turntable import turntable_cameras
+from neural_strands.model.renderer import HairRenderer
+from neural_strands.pictures.encoding import write_png
+from neural_strands.runs.edited import EditedHair, open_hair
+
+ROOT = Path(__file__).resolve().parents[1]
+FOR_README = ("haircut", "wind", "curl", "sample")
+"""Edits beside the fitted hair in `edits.png`."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What is edited, and where pictures go."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """The run whose hair is edited."""
+    other: Annotated[Path, tyro.conf.Positional]
+    """Another run."""
+    out: Path = ROOT / "docs" / "pictures"
+    """Folder of the pictures."""
+    only: tuple[str, ...] = ()
+    """Names of the pictures; all of them if empty."""
+    size: int = 300
+    """Width and height of one picture, pixels."""
+    turn: float = 35.0
+    """Where the camera stands, degrees from the front to the hair's left."""
+
+
+def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
+    """The edits of each picture, and the moment of those that move, seconds."""
+    breeze = Wind(direction=(1.0, 0.15, 0.3), strength=1.0, simulate=True)
+    return {
+        "haircut": ([Haircut(plane=(0.0, -0.06, 0.0, 0.0, -1.0, 0.0))], 0.0),
+        "density": ([Density(strands=1500)], 0.0),
+        "curl": ([Restyle(curl=1.0)], 0.0),
+        "wave": ([Restyle(wave=1.0)], 0.0),
+        "volume": ([Restyle(volume=1.0)], 0.0),
+        "blend": ([Blend(other=str(other), share=0.5)], 0.0),
+        "transfer": ([Transfer(other=str(other))], 0.0),
+        "sample": ([Sample(seed=3)], 0.0),
+        "quick_wind": ([dataclasses.replace(breeze, simulate=False)], 1.5),
+        "wind": ([breeze], 1.5),
+    }
+
+
+def camera_of(points: torch.Tensor, turn: float, size: int) -> Camera:
+    """The camera of a turntable that stands at an angle."""
+    count = 360
+    return turntable_cameras(points, count, (size, size))[round(turn) % count]
+
+
+def picture(fitted: EditedHair, wanted: list[Edit], moment: float, camera: Camera) -> torch.Tensor:
+    """The hair after its edits."""
+    edited = fitted.edited(wanted)
+    strands = edited.hair.strands
+    motion = hair_motion(edited.hair, wanted)
+    if motion is not None:
+        strands = dataclasses.replace(strands, points=motion.at(moment))
+    return HairRenderer.of(fitted.hair.modelled("pictures"), strands).render(camera).rgb
+
+
+def main(arguments: Arguments) -> None:
+    """Render and write."""
+    fitted = open_hair(arguments.run)
+    camera = camera_of(fitted.hair.strands.points, arguments.turn, arguments.size)
+    before = picture(fitted, [], 0.0, camera)
+    drawn: dict[str, torch.Tensor] = {}
+    for name, (wanted, moment) in edits(arguments.other).items():
+        if arguments.only and name not in arguments.only:
+            continue
+        drawn[name] = picture(fitted, wanted, moment, camera)
+        write_png(arguments.out / f"edit_{name}.png", torch.cat([before, drawn[name]], dim=1))
+    if all(name in drawn for name in FOR_README):
+        write_png(arguments.out / "edits.png", torch.cat([before, *(drawn[name] for name in FOR_README)], dim=1))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,101 @@
+"""Wind that comes and goes: how strong it is at a place and a moment, for the quick and the simulated wind."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.editing.settings import Wind
+
+RISE = 0.5
+"""Seconds in which the wind rises, and in which it falls."""
+SPEED = 0.8
+"""Speed at which gusts cross the hair, metres per second."""
+LONGEST_WAVE, SHORTEST_WAVE = 0.5, 0.06
+"""Size of gusts, metres."""
+WAVES = 6
+"""Number of waves that make up the gusts, and as many the swerves."""
+SWERVE = 0.25
+"""Sideways force over the force along the wind, where gusts are strongest."""
+
+
+@dataclass(frozen=True)
+class Gusts:
+    """Waves that travel with the wind.
+
+    Attributes:
+        waves: wave vectors, radians per metre.
+        speed: angular velocities, radians per second.
+        phase: radians.
+        size: amplitudes; their squares add up to one half.
+    """
+
+    waves: Float[Tensor, "wave 3"]
+    speed: Float[Tensor, " wave"]
+    phase: Float[Tensor, " wave"]
+    size: Float[Tensor, " wave"]
+
+    @classmethod
+    def drawn(cls, wind: Float[Tensor, "3"], random: torch.Generator) -> "Gusts":
+        """Random waves, most of them along the wind, slow large ones stronger than quick small ones."""
+        share = torch.linspace(0, 1, WAVES)
+        length = LONGEST_WAVE * (SHORTEST_WAVE / LONGEST_WAVE) ** share
+        heading = wind.cpu() + 0.5 * torch.randn(WAVES, 3, generator=random)
+        waves = torch.nn.functional.normalize(heading, dim=1) * (2 * math.pi / length)[:, None]
+        size = length**0.5
+        phase = 2 * math.pi * torch.rand(WAVES, generator=random)
+        parts = (waves, SPEED * (waves @ wind.cpu()), phase, size / size.norm())
+        return cls(*(part.to(wind) for part in parts))
+
+    def at(
+        self, places: Float[Tensor, "place 3"], seconds: Float[Tensor, "place moment"]
+    ) -> Float[Tensor, "place moment"]:
+        """Strength of the gusts at places and moments, about between -1 and 1."""
+        angle = (places @ self.waves.T + self.phase)[:, None] - seconds[..., None] * self.speed
+        return angle.sin() @ self.size
+
+
+def smooth(share: float) -> float:
+    """From 0 at 0 and below to 1 at 1 and above, without a kink."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3 - 2 * share)
+
+
+def blowing(wind: Wind, seconds: float) -> float:
+    """Share of its strength with which the wind blows at a moment, gusts aside."""
+    falling = smooth(1 - (seconds - wind.seconds) / RISE) if wind.calm else 1.0
+    return smooth(seconds / RISE) * falling
+
+
+def sideways(direction: Float[Tensor, "3"]) -> Float[Tensor, "3"]:
+    """The unit direction across the wind in which it swerves."""
+    side = torch.linalg.cross(direction, direction.roll(1) + 0.1)
+    return torch.nn.functional.normalize(side, dim=0)
+
+
+class WindField:
+    """Force of the wind over the weight of the hair, at any place and moment."""
+
+    def __init__(self, wind: Wind, device: torch.device) -> None:
+        """Draw the gusts.
+
+        Args:
+            wind: what blows.
+            device: where places will lie.
+        """
+        random = torch.Generator().manual_seed(wind.seed)
+        self.wind = wind
+        self.direction = torch.nn.functional.normalize(torch.tensor(wind.direction, device=device), dim=0)
+        self.gusts, self.swerves = (Gusts.drawn(self.direction, random) for _ in range(2))
+        self.side = sideways(self.direction)
+
+    def at(self, places: Float[Tensor, "*batch 3"], seconds: float) -> Float[Tensor, "*batch 3"]:
+        """The force over the weight, a vector along the wind but for swerves."""
+        flat = places.reshape(-1, 3)
+        moment = flat.new_full((len(flat), 1), seconds)
+        gust = (1 + self.wind.gusts * self.gusts.at(flat, moment)).clamp(min=0.0)
+        swerve = SWERVE * self.wind.gusts * self.swerves.at(flat, moment)
+        towards = torch.nn.functional.normalize(self.direction + swerve * self.side, dim=1)
+        return (self.wind.strength * blowing(self.wind, seconds) * gust * towards).reshape(places.shape)
