@@ -156,8 +156,8 @@ def test_a_step_minimises_the_energy_of_the_rod():
 
     start = points[:, 1:].clone()
     size = start.numel()
-    gradient = torch.autograd.functional.jacobian(energy, start).reshape(size)
-    hessian = torch.autograd.functional.hessian(energy, start).reshape(size, size)
+    gradient = torch.as_tensor(torch.autograd.functional.jacobian(energy, start)).reshape(size)
+    hessian = torch.as_tensor(torch.autograd.functional.hessian(energy, start)).reshape(size, size)
     expected = start - torch.linalg.solve(hessian, gradient).reshape(start.shape)
 
     found = rods.rest.double() + unconstrained(state, rods, push)

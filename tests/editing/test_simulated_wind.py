@@ -1,6 +1,7 @@
 """Simulated wind of whole hair: lengths, the head, determinism, rest, and strands that follow guides."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -13,21 +14,23 @@ from neural_strands.editing.settings import Wind
 from neural_strands.editing.simulated_wind import SimulatedHair
 from neural_strands.geometry.strands import Strands, segments
 
+BREEZE = Wind()
+
 
 @pytest.fixture(scope="module")
 def hair() -> Hair:
     return Hair.of(tiny_hair_model())
 
 
-def simulated(hair: Hair, **settings: object) -> SimulatedHair:
-    motion = hair_motion(hair, [Wind(simulate=True, guides=40, **settings)])
+def simulated(hair: Hair, wind: Wind = BREEZE) -> SimulatedHair:
+    motion = hair_motion(hair, [replace(wind, simulate=True, guides=40)])
     assert isinstance(motion, SimulatedHair)
     return motion
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
 def test_lengths_are_kept_and_strands_stay_out_of_the_head(hair, direction):
-    motion = simulated(hair, direction=direction, strength=4.0)
+    motion = simulated(hair, Wind(direction=direction, strength=4.0))
     rest = segments(hair.strands.points).norm(dim=-1)
     for seconds in (0.0, 0.5, 1.1, 1.9):
         points, guides = motion.at(seconds), motion.guides_at(seconds)
@@ -48,7 +51,7 @@ def test_it_begins_at_rest_moves_and_returns_after_the_wind():
         + torch.nn.functional.pad(roots[:, None], (2, 0))[:, None]
     )
     hair = Hair(Strands(points))
-    motion = simulated(hair, strength=1.5, seconds=1.0, calm=2.5)
+    motion = simulated(hair, Wind(strength=1.5, seconds=1.0, calm=2.5))
     assert motion.wind.frames == 84
     assert torch.allclose(motion.at(0.0), points, atol=1e-5)
     assert (motion.at(1.0) - points)[:, -1].norm(dim=-1).min() > 0.03
@@ -61,12 +64,12 @@ def test_a_moment_does_not_depend_on_those_before(hair):
     motion.at(0.4)
     assert torch.equal(motion.at(0.3), first)
     assert torch.equal(simulated(hair).at(0.3), first)
-    assert not torch.equal(simulated(hair, seed=1).at(0.3), first)
+    assert not torch.equal(simulated(hair, Wind(seed=1)).at(0.3), first)
 
 
 def test_a_frame_is_a_whole_number_of_steps(hair):
     for fps in (24.0, 25.0, 29.97, 240.0):
-        steps = 1 / (fps * simulated(hair, fps=fps).seconds_a_step)
+        steps = 1 / (fps * simulated(Hair(hair.strands), Wind(fps=fps)).seconds_a_step)
         assert steps == pytest.approx(round(steps))
 
 

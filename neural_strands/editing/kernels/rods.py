@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from neural_strands.geometry.kernels.voxel_grid import blend, last_node, lowest_corner, slope
+from neural_strands.geometry.kernels.voxel_grid import blend, cell_about, nearest_place, slope
 
 
 @wp.func
@@ -52,13 +52,11 @@ def push_out(
 ) -> wp.vec3:
     """The way from a point to where it is `clearance` above the body; zero if it is already."""
     shape = wp.vec3i(values.shape[0], values.shape[1], values.shape[2])
-    place = wp.min(wp.max((point - origin) / spacing, wp.vec3(0.0)), last_node(shape))
-    corner = lowest_corner(place, shape)
-    ahead = place - wp.vec3(float(corner[0]), float(corner[1]), float(corner[2]))
-    missing = clearance - blend(values, corner, ahead)
+    cell = cell_about(nearest_place((point - origin) / spacing, shape), shape)
+    missing = clearance - blend(values, cell)
     if missing <= 0.0:
         return wp.vec3(0.0)
-    return missing * wp.normalize(slope(values, corner, ahead))
+    return missing * wp.normalize(slope(values, cell))
 
 
 @wp.func
