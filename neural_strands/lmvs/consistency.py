@@ -65,6 +65,8 @@ def confirmations(
     """
     votes = points.new_zeros(len(points))
     for camera, lines in others:
+        if len(lines.depth) == 0:
+            continue
         found = _line_at(points, camera, lines, stride)
         near = 1 - (line_points(camera, lines)[found] - points).norm(dim=-1) / distance
         turned = torch.arccos((lines.direction[found] * directions).sum(-1).abs().clamp(max=1))

@@ -128,6 +128,9 @@ def match_lines(
     ray = reference.camera.rays(pixel.float() + 0.5)
     depth, direction = torch.zeros_like(bounds.near), torch.zeros_like(ray)
     cost = torch.full_like(bounds.near, 4.0)
+    if not on_grid(pixel, config.levels[0].stride, config).any():
+        # A mask of a few pixels: nothing to begin with.
+        return LineMap(pixel[:0], depth[:0], direction[:0], cost[:0])
     previous = None
     for level in config.levels:
         chosen = torch.nonzero(on_grid(pixel, level.stride, config)).squeeze(1)

@@ -108,6 +108,14 @@ def test_views_without_hair_or_texture_are_named(generator: torch.Generator, cap
     assert f"{third.camera.name}: no texture" in caplog.text
 
 
+def test_a_mask_thinner_than_the_coarsest_grid_stops_nothing(generator: torch.Generator):
+    first, second, third = views_of(ring()[:3])
+    line = torch.zeros(160, 160)
+    line[81:84, 50:110] = 1.0
+    found = reconstruct(Views.in_memory([first, second, replace(third, hair_mask=line)]), None, LmvsConfig(), generator)
+    assert len(found) > 100
+
+
 def test_a_camera_in_another_unit_is_named(generator: torch.Generator, caplog: pytest.LogCaptureFixture):
     first, second = views_of(ring()[:2])
     eye = 1000 * second.camera.position

@@ -6,6 +6,8 @@ a portrait seldom lies in the middle of its sensor, and with a fixed one the pos
 
 import itertools
 import math
+import shutil
+import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -28,8 +30,13 @@ FREE_CENTRE = 15
 """Photographs of one lens from which its principal point is estimated as well."""
 CENTRE_RANGE = 0.15
 """How far from the middle, in the longer side, a principal point may be found and believed."""
-DEFAULT_FOCAL = 1.2
-"""Focal length in the longer side where the camera noted none (COLMAP's own guess)."""
+DEFAULT_FOCALS = (1.2, 2.4)
+"""Focal lengths in the longer side to start from where the camera noted none: a wide lens and a portrait lens.
+
+From too short a start, a circle around the head can end in a wrong minimum that explains the features almost as well.
+"""
+COMPARABLE = 0.95
+"""Share of the most observations that a model needs for its reprojection error to count."""
 SEEN_BY = 3
 """Photographs that must see a point for it to be kept."""
 POINT_ERROR = 2.0
@@ -48,7 +55,7 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
     for group in track(_lens_groups(photographs), "finding features"):
         options = pycolmap.ImageReaderOptions()
         options.camera_model = "OPENCV" if len(group) >= SHARED_LENS else "SIMPLE_RADIAL"
-        options.default_focal_length_factor = DEFAULT_FOCAL
+        options.default_focal_length_factor = DEFAULT_FOCALS[0]
         first = group[0]
         if first.focal > 0:
             values = [first.focal] * (2 if options.camera_model == "OPENCV" else 1)
@@ -84,22 +91,12 @@ def register(
         InputError: too few photographs overlap.
     """
     pycolmap = _pycolmap()
-    pycolmap.set_random_seed(0)
-    options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = 0
-    options.min_model_size = FEWEST
-    attempts = out / "attempts"
-    attempts.mkdir()
-    seen = itertools.count(1)
-    with _told():
-        models = pycolmap.incremental_mapping(
-            matches / DATABASE,
-            images,
-            attempts,
-            options,
-            next_image_callback=lambda: _tell(say, next(seen), len(photographs)),
-        )
-    best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    models = []
+    for focal in DEFAULT_FOCALS if any(photograph.focal <= 0 for photograph in photographs) else DEFAULT_FOCALS[:1]:
+        with tempfile.TemporaryDirectory(dir=out) as attempt:
+            database = _database_from(pycolmap, matches, Path(attempt), photographs, focal)
+            models += _mapped(pycolmap, images, database, say, len(photographs))
+    best = best_model(models)
     registered = 0 if best is None else best.num_reg_images()
     if best is None or registered < max(FEWEST, math.ceil(0.25 * len(photographs))):
         raise InputError(
@@ -117,6 +114,49 @@ def register(
     with _told():
         best.write(out)
     return _points(best)
+
+
+def best_model(models: Sequence["pycolmap.Reconstruction"]) -> "pycolmap.Reconstruction | None":
+    """The model with the most cameras; among equals, the one with the least error."""
+    if not models:
+        return None
+    most = max(model.num_reg_images() for model in models)
+    models = [model for model in models if model.num_reg_images() == most]
+    seen = max(model.compute_num_observations() for model in models)
+    alike = [model for model in models if model.compute_num_observations() >= COMPARABLE * seen]
+    return min(alike, key=lambda model: model.compute_mean_reprojection_error())
+
+
+def _database_from(pycolmap: Any, matches: Path, folder: Path, photographs: Sequence[Photograph], focal: float) -> Path:
+    """A copy of the database in which lenses of unknown focal length start from `focal` longer sides."""
+    database = folder / DATABASE
+    shutil.copyfile(matches / DATABASE, database)
+    unknown = {photograph.name for photograph in photographs if photograph.focal <= 0}
+    with pycolmap.Database.open(database) as opened:
+        lenses = {image.camera_id for image in opened.read_all_images() if image.name in unknown}
+        for camera in opened.read_all_cameras():
+            if camera.camera_id in lenses:
+                params = camera.params
+                params[camera.focal_length_idxs()] = focal * max(camera.width, camera.height)
+                camera.params = params
+                opened.update_camera(camera)
+    return database
+
+
+def _mapped(
+    pycolmap: Any, images: Path, database: Path, say: Callable[[str], None], total: int
+) -> list["pycolmap.Reconstruction"]:
+    """The models that incremental mapping finds."""
+    pycolmap.set_random_seed(0)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = 0
+    options.min_model_size = FEWEST
+    seen = itertools.count(1)
+    with _told():
+        models = pycolmap.incremental_mapping(
+            database, images, database.parent, options, next_image_callback=lambda: _tell(say, next(seen), total)
+        )
+    return list(models.values())
 
 
 def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:

@@ -1,0 +1,103 @@
+"""From bare photographs to a groom: cameras, head, scale and masks are all found again."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from neural_strands.cli.main import main
+from neural_strands.evaluation.geometry_metrics import score_geometry
+from neural_strands.evaluation.oriented_points import sample_strands
+from neural_strands.capture.capture import Capture
+from neural_strands.geometry.cameras import Camera
+from neural_strands.grooms.io import read_groom
+from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.head.builtin import builtin_template
+from neural_strands.preparation.photographs.folder import write_picture
+from neural_strands.scalp.fit_similarity import umeyama
+from neural_strands.synthesis.groom import make_groom
+from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
+from neural_strands.synthesis.styles import MELANIN, STYLES
+
+SIDE, VIEWS, STRANDS = 256, 30, 8000
+WALL = 1.8
+"""Metres from the middle of the room to each wall."""
+
+
+def orbit() -> list[Camera]:
+    """Cameras around the head, 12 degrees apart, at varying heights."""
+    cameras = []
+    for k in range(VIEWS):
+        turn = 2 * math.pi * k / VIEWS
+        eye = torch.tensor([0.8 * math.sin(turn), 0.15 + 0.15 * math.sin(3 * turn), 0.8 * math.cos(turn)])
+        cameras.append(Camera.look_at(eye, torch.tensor([0.0, 0.0, 0.0]), 1.6 * SIDE, (SIDE, SIDE), f"{k:02d}"))
+    return cameras
+
+
+def wallpaper(random: np.random.Generator, side: int = 512) -> np.ndarray:
+    """Blots of many sizes from white to blue, sRGB bytes."""
+    paper = np.zeros((side, side, 1))
+    for cells in (8, 24, 72, 200):
+        blots = cv2.resize(random.random((cells, cells)), (side, side), interpolation=cv2.INTER_NEAREST)
+        paper += cv2.GaussianBlur(blots, (0, 0), 1.0)[..., None] / 4
+    shade = np.clip((paper - 0.5) * 2.5 + 0.5, 0, 1)
+    return np.array([90.0, 130.0, 190.0]) * (1 - shade) + np.array([235.0, 238.0, 240.0]) * shade
+
+
+def room(camera: Camera, papers: list[np.ndarray]) -> np.ndarray:
+    """What a camera sees of a room with papered walls, floor and ceiling: (height, width, 3), sRGB bytes."""
+    eye = camera.position.numpy().astype(np.float64)
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    inverse = np.linalg.inv(camera.intrinsics.numpy().astype(np.float64))
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ inverse.T @ camera.rotation.numpy()
+    # Distance to each of the two walls across an axis; the nearest wall ahead is seen.
+    reach = (np.where(rays > 0, WALL, -WALL) - eye) / rays
+    axis = reach.argmin(axis=-1)
+    hit = eye + reach.min(axis=-1)[..., None] * rays
+    picture = np.zeros((*axis.shape, 3))
+    for wall in range(6):
+        here = (axis == wall // 2) & ((np.take_along_axis(rays, axis[..., None], -1)[..., 0] > 0) == (wall % 2 == 1))
+        across = np.delete(hit, wall // 2, axis=-1).astype(np.float32)
+        place = (across / (2 * WALL) + 0.5) * (len(papers[wall]) - 1)
+        picture[here] = cv2.remap(papers[wall], place[..., 0], place[..., 1], cv2.INTER_LINEAR)[here]
+    return picture
+
+
+@pytest.mark.slow
+def test_bare_photographs_become_a_groom(tmp_path: Path):
+    pytest.importorskip("pycolmap")
+    pytest.importorskip("mitsuba")
+    template, cameras = builtin_template(), orbit()
+    truth = make_groom(template.head, STYLES["short"], MELANIN["black"], STRANDS, torch.Generator().manual_seed(0))
+    tracing = TracingConfig(samples=12, mask_samples=16, passes=3, melanin=MELANIN["black"])
+    tracer = PathTracer(template.head, truth, tracing, torch.Generator().manual_seed(0))
+    random = np.random.default_rng(0)
+    papers = [wallpaper(random) for _ in range(6)]
+    marks = {}
+    (tmp_path / "photos").mkdir()
+    for k, camera in enumerate(cameras):
+        person = tracer.coverage(camera)[..., 1:].numpy()
+        picture = person * tracer.image(camera, k).numpy() * 255 + (1 - person) * room(camera, papers)
+        write_picture(tmp_path / "photos" / f"{camera.name}.png", picture.round().astype(np.uint8))
+        if camera.position[2] > 0.6:
+            pixels, _ = camera.project(template.landmarks)
+            marks[f"{camera.name}.png"] = {str(i): pixels[i].tolist() for i in INTERIOR}
+    (tmp_path / "landmarks.json").write_text(json.dumps(marks))
+    capture, run = str(tmp_path / "capture"), tmp_path / "run"
+    landmarks = ["--landmarks", str(tmp_path / "landmarks.json")]
+    assert main(["prepare", str(tmp_path / "photos"), capture, *landmarks]) == 0
+    assert main(["fit", capture, str(run), "--preset", "demo", "--config.steps", "60"]) == 0
+    found = Capture.load(Path(capture))
+    assert len(found) == VIEWS
+    true_places = torch.stack([cameras[int(camera.name[:2])].position for camera in found.cameras])
+    places = torch.stack([camera.position for camera in found.cameras]).double()
+    to_truth = umeyama(places.numpy(), true_places.double().numpy(), np.ones(VIEWS))
+    groom = read_groom(run / "groom.npz").strands()
+    predicted = sample_strands(to_truth.apply(groom.points))
+    print(to_truth, (to_truth.apply(places) - true_places).norm(dim=1).median())
+    for score in score_geometry(predicted, sample_strands(truth.points)):
+        print(score)
