@@ -24,6 +24,10 @@ START = 0.2
 """Colour of everything before it is learned, linear: mid grey."""
 
 
+REACH = 6
+"""Pixels around strands that the network may fill with hair."""
+
+
 @dataclass(frozen=True)
 class SurroundConfig:
     """Sizes of what lies behind the hair."""
@@ -145,6 +149,19 @@ def equirectangular(directions: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 2"
     """Texture coordinates in [0, 1] of unit directions: azimuth from -z through +x, and height from below to above."""
     x, y, z = directions.unbind(-1)
     return torch.stack([torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5], dim=-1)
+
+
+def near_hair(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
+    """1 within `REACH` pixels of any strand, along rows and columns, and 0 beyond three times as many.
+
+    Training sees squares around the hair; far from it, nothing would keep the network from a faint haze.
+    """
+    near = (coverage > 0).to(coverage.dtype)[None, None]
+    wide, narrow = 4 * REACH + 1, 2 * REACH + 1
+    near = F.max_pool2d(near, (wide, 1), stride=1, padding=(2 * REACH, 0))
+    near = F.max_pool2d(near, (1, wide), stride=1, padding=(0, 2 * REACH))
+    near = F.avg_pool2d(near, (narrow, 1), stride=1, padding=(REACH, 0), count_include_pad=False)
+    return F.avg_pool2d(near, (1, narrow), stride=1, padding=(0, REACH), count_include_pad=False)[0, 0]
 
 
 def compose(

@@ -26,6 +26,7 @@ from neural_strands.model.compositing import (
     SurroundWeights,
     area_mean,
     compose,
+    near_hair,
     weighted_gradient,
 )
 from neural_strands.model.hair_volume import HairVolume, hair_volume
@@ -233,7 +234,7 @@ class HairModel(nn.Module):
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
-        alpha = torch.sigmoid(raw[..., 3] + start)
+        alpha = torch.sigmoid(raw[..., 3] + start) * near_hair(coverage.detach())
         share = area_mean(body.coverage[..., None], factor)
         skin, background = area_mean(body.colour, factor), self.background(camera)
         if teaches is None:

@@ -12,7 +12,7 @@ from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import START, SurroundConfig, SurroundWeights
+from neural_strands.model.compositing import START, SurroundConfig, SurroundWeights, near_hair
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
     BACKGROUND_THROUGH,
@@ -102,8 +102,10 @@ def test_opacity_starts_from_coverage():
     with torch.no_grad():
         hair.unet.output.zero_()
     output = hair.render(stubble(hair), view((96, 80)))
-    assert torch.allclose(output.alpha, output.coverage.clamp(LEAST_OPACITY, MOST_OPACITY), atol=1e-5)
-    assert output.coverage.min() == 0
+    start = output.coverage.clamp(LEAST_OPACITY, MOST_OPACITY) * near_hair(output.coverage)
+    assert torch.allclose(output.alpha, start, atol=1e-5)
+    assert output.alpha.min() == 0
+    assert (output.alpha[output.coverage == 0] == LEAST_OPACITY).any()
     assert output.coverage.max() > MOST_OPACITY
 
 
