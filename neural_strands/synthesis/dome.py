@@ -33,6 +33,8 @@ class DomeConfig:
     """Lowest camera, degrees above the horizontal (negative: below the chin, looking up)."""
     elevation_max: float = 75.0
     """Highest camera, degrees above the horizontal."""
+    azimuth: float = 180.0
+    """Farthest camera to either side of the face, degrees about the vertical; 180: all around."""
     fill: float = 0.9
     """Share of the frame that the hair fills in the view where it is largest (0 to 1)."""
 
@@ -76,6 +78,9 @@ def dome_directions(config: DomeConfig) -> Float[Tensor, "view 3"]:
     height = high + (low - high) * share
     radius = (1 - height**2).sqrt()
     azimuth = GOLDEN_ANGLE * torch.arange(config.views)
+    if config.azimuth < 180.0:
+        turn = (azimuth / (2 * math.pi)).remainder(1.0)
+        azimuth = math.radians(config.azimuth) * (2 * turn - 1)
     return torch.stack([radius * azimuth.sin(), height, radius * azimuth.cos()], dim=-1)
 
 
@@ -89,5 +94,7 @@ def _check(config: DomeConfig) -> None:
             f"elevation: expected -90 < min <= max < 90 degrees, got {config.elevation_min:g} and "
             f"{config.elevation_max:g}."
         )
+    if not 0.0 < config.azimuth <= 180.0:
+        raise InputError(f"azimuth: expected more than 0 and at most 180 degrees, got {config.azimuth:g}.")
     if not 0.0 < config.fill <= 1.0:
         raise InputError(f"fill: expected a share above 0 and at most 1, got {config.fill:g}.")

@@ -55,6 +55,8 @@ class TracingConfig:
     """Number of passes into which the samples are split, to remove fireflies."""
     melanin: Melanin = MELANIN["brown"]
     """Pigment of the hair."""
+    light_turn: float = 0.0
+    """Turn of the lights about the vertical through the hair, degrees; 90 takes what is in front to its left."""
 
 
 class PathTracer:
@@ -165,7 +167,8 @@ class PathTracer:
             },
         }
         for index, (place, half_side, radiance) in enumerate(LIGHTS):
-            origin = [a + b for a, b in zip(middle, place, strict=True)]
+            around = turned(place, self._config.light_turn)
+            origin = [a + b for a, b in zip(middle, around, strict=True)]
             look = self._mi.ScalarTransform4f().look_at(origin=origin, target=middle, up=[0, 1, 0])
             scene[f"light_{index}"] = {
                 "type": "rectangle",
@@ -211,6 +214,13 @@ def _write_hair(
         write_curves(path, strands.points[chosen], width[chosen])
         written.append((path, mean))
     return written
+
+
+def turned(place: tuple[float, float, float], degrees: float) -> tuple[float, float, float]:
+    """A place turned about the y axis."""
+    x, y, z = place
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return cosine * x + sine * z, y, cosine * z - sine * x
 
 
 def _silhouette(skin: Path, hair: list[Path]) -> dict[str, Any]:

@@ -51,10 +51,19 @@ def test_directions_are_spread_evenly_over_the_dome():
     assert directions[:, [0, 2]].mean(dim=0).abs().max() < 0.02
 
 
+def test_a_frontal_dome_stays_before_the_face_and_reaches_both_sides():
+    directions = dome_directions(DomeConfig(views=40, azimuth=80.0))
+    azimuth = torch.rad2deg(torch.atan2(directions[:, 0], directions[:, 2]))
+    assert azimuth.abs().max() <= 80.0
+    assert azimuth.min() < -70.0
+    assert azimuth.max() > 70.0
+
+
 @pytest.mark.parametrize(
     ("config", "word"),
     [
         (DomeConfig(views=0), "views"),
+        (DomeConfig(azimuth=0.0), "azimuth"),
         (DomeConfig(resolution=1), "resolution"),
         (DomeConfig(distance=0.1), "distance"),
         (DomeConfig(elevation_min=50.0, elevation_max=10.0), "elevation"),

@@ -14,7 +14,7 @@ from neural_strands.scalp.mannequin import mannequin
 from neural_strands.synthesis import backend
 from neural_strands.synthesis.dome import DomeConfig
 from neural_strands.synthesis.groom import make_groom
-from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig, without_fireflies
+from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig, turned, without_fireflies
 from neural_strands.synthesis.styles import MELANIN, STYLES
 from neural_strands.synthesis.synthesize import SynthesisConfig, check_fit, synthesize
 
@@ -29,6 +29,13 @@ class Stop(Exception):
 @pytest.fixture(scope="module")
 def groom() -> Strands:
     return make_groom(mannequin(), STYLES["wavy"], MELANIN["brown"], 500, torch.Generator().manual_seed(0))
+
+
+def test_lights_turn_about_the_vertical():
+    # A quarter turn takes what is in front (+z) to the left of the head (+x); heights and distances stay.
+    assert turned((0.0, 2.0, 1.0), 90) == pytest.approx((1.0, 2.0, 0.0), abs=1e-12)
+    assert turned((0.95, 2.5, 1.35), 0) == (0.95, 2.5, 1.35)
+    assert turned(turned((0.3, 0.1, -0.7), 25), -25) == pytest.approx((0.3, 0.1, -0.7))
 
 
 @pytest.mark.slow
