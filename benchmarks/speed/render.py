@@ -124,7 +124,7 @@ def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]
 
 def view(model: HairModel, side: int) -> Camera:
     """The hair from in front, filling the image."""
-    return turntable_cameras(model.decode().points, 1, (side, side))[0]
+    return turntable_cameras(model.decode().points.detach(), 1, (side, side))[0]
 
 
 def main(arguments: Arguments) -> None:

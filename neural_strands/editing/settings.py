@@ -11,8 +11,10 @@ Place = Annotated[float, Between(-1000.0, 1000.0)]
 """A coordinate in world metres."""
 Unit = Annotated[float, Between(-1000.0, 1000.0)]
 """A component of a direction, whose length does not matter."""
-Dabs = Annotated[tuple[tuple[float, float, float], ...], Between(0, 10_000)]
-"""Dabs of a round brush on the scalp chart: u, v and radius, all in the chart's unit."""
+Dab = tuple[float, float, float]
+"""A dab of a round brush on the scalp chart: u, v and radius, all in the chart's unit."""
+Dabs = Annotated[tuple[Dab, ...], Between(0, 10_000)]
+"""A painted region of the scalp."""
 SHORTEST = 0.001
 """Length below which nothing remains of a strand, metres."""
 MOST_STRANDS = 150_000

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from neural_strands.editing.settings import Edit
+from neural_strands.editing.settings import Edit, Wind
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,12 @@ class History:
     undone: tuple[Edit, ...] = ()
 
     def with_edit(self, edit: Edit) -> "History":
-        """Do one more; what was undone is forgotten."""
-        return History((*self.done, edit))
+        """Do one more; what was undone is forgotten.
+
+        A wind takes the place of a wind just before it, because only the last one blows.
+        """
+        replaces = isinstance(edit, Wind) and bool(self.done) and isinstance(self.done[-1], Wind)
+        return History((*(self.done[:-1] if replaces else self.done), edit))
 
     def back(self) -> "History":
         """Take the last edit back; without one, nothing changes."""

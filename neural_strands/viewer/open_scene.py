@@ -94,8 +94,8 @@ def open_edited(path: Path, device: torch.device) -> Scene:
     source = edited.source
     base = open_run(source, newest_state(RunFolder(source)), device) if kind_of(source) == "run" else Scene(path, "")
     head = edited.fitted.model.body.mesh.to("cpu") if edited.fitted.model is not None else base.head
-    scene = replace(base, path=path, kind="edited hair", head=head, fitted=edited.fitted)
-    return scene.with_edits(edited.edits)
+    scene = replace(base, path=path, kind="edited hair", head=head)
+    return scene.with_hair(edited.fitted).with_edits(edited.edits)
 
 
 def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene:

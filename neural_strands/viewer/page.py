@@ -221,7 +221,7 @@ class Page:
         self._loop.ask(client.client_id, self.request_of(client))
 
     def _draw(self, browser: int, request: FrameRequest, size: int) -> None:
-        """Draw one picture and send it."""
+        """Draw one picture and send it, unless the browser leaves meanwhile."""
         picture = picture_of(request, size)
         client = self.server.get_clients().get(browser)
         if client is not None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from neural_strands.editing.edit_list import apply_edits
 from neural_strands.editing.hair import Hair
-from neural_strands.editing.settings import Edit
+from neural_strands.editing.settings import Edit, Haircut, Wind
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
@@ -58,6 +58,10 @@ class Scene:
         """
         if self.fitted is None:
             return self
-        hair = apply_edits(self.fitted, edits) if edits else self.fitted
+        if self.hair is not None and edits and edits[:-1] == self.edits and isinstance(edits[-1], Haircut | Wind):
+            # These follow upon everything before them: no texture has to be decoded again.
+            hair = apply_edits(self.hair, edits[-1:])
+        else:
+            hair = apply_edits(self.fitted, edits) if edits else self.fitted
         renderer = None if hair.model is None else HairRenderer.of(hair.model, hair.strands)
         return replace(self, edits=edits, hair=hair, renderer=renderer)

@@ -1,17 +1,24 @@
 """A headless Chromium for tests of pages, where the machine has one."""
 
 import contextlib
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
 
+if TYPE_CHECKING:
+    import playwright.sync_api as playwright
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+REQUIRED = "NEURAL_STRANDS_BROWSER"
+"""Set in the environment, it makes a missing Chromium a failure."""
 FLAGS = [
     "--headless",
     "--no-sandbox",
@@ -25,9 +32,12 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
 ]
-
+CANVAS_ALONE = "*:not(:has(canvas)):not(canvas) { visibility: hidden !important; }"
+"""A style that hides what lies over the canvas: panels and notices."""
 PATIENCE = 240.0
 """Seconds until something counts as never happening, on a machine that may be busy with other tests."""
+BETWEEN_LOOKS = 0.1
+"""Seconds between two looks at a page."""
 
 
 @dataclass
@@ -39,44 +49,44 @@ class Tab:
         errors: what the page's console called an error, and exceptions of its scripts.
     """
 
-    page: Any
+    page: "playwright.Page"
     errors: list[str] = field(default_factory=list)
 
-    def picture(self) -> np.ndarray:
-        """What the page shows, RGB."""
-        encoded = np.frombuffer(self.page.screenshot(), np.uint8)
-        return np.ascontiguousarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR)[..., ::-1])
-
     def canvas(self) -> np.ndarray:
-        """The part of the picture that neither the panel nor notices cover: a square in the middle."""
-        picture = self.picture()
-        height, width, _ = picture.shape
-        side = min(height, width) // 2
-        top, left = (height - side) // 2, (width - side) // 2
-        return picture[top : top + side, left : left + side]
+        """What lies behind the panel and the notices, RGB."""
+        encoded = np.frombuffer(self.page.screenshot(style=CANVAS_ALONE), np.uint8)
+        decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
+        assert decoded is not None
+        return np.ascontiguousarray(decoded[..., ::-1])
 
-    def settled(self, seconds: float = PATIENCE, stable: float = 1.5) -> np.ndarray:
-        """The canvas once it has not changed for a while."""
-        return self.until(lambda _: True, seconds, stable)
-
-    def until(
-        self, accepted: Callable[[np.ndarray], bool], seconds: float = PATIENCE, stable: float = 1.5
-    ) -> np.ndarray:
-        """The canvas once it is accepted and has not changed for a while."""
-        end, last, since = time.monotonic() + seconds, self.canvas(), time.monotonic()
+    def until(self, accepted: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """The first canvas that is accepted."""
+        end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            self.page.wait_for_timeout(250)
-            now = self.canvas()
-            if (now != last).any():
-                last, since = now, time.monotonic()
-            elif time.monotonic() - since > stable and accepted(now):
-                return now
-        raise AssertionError(f"the page did not come to rest as expected within {seconds} s")
+            canvas = self.canvas()
+            if accepted(canvas):
+                return canvas
+            self.page.wait_for_timeout(1000 * BETWEEN_LOOKS)
+        raise AssertionError(f"the page did not show what was expected within {PATIENCE} s")
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        """Wait until something holds, while the browser goes on."""
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, f"what was expected did not happen within {PATIENCE} s"
+            self.page.wait_for_timeout(1000 * BETWEEN_LOOKS)
+
+    def fill(self, label: str, value: str) -> None:
+        """Type a value into the field beside a slider, which bears no name of its own."""
+        field = self.page.locator(f"xpath=//label[text()='{label}']/../../..//input").last
+        field.fill(value)
+        field.press("Enter")
 
     def drag(self, right: int, down: int, steps: int = 8) -> None:
-        """Drag the middle of the canvas by pixels."""
+        """Drag the canvas by pixels, beginning where neither panel nor notices lie."""
         size = self.page.viewport_size
-        x, y = size["width"] // 2, size["height"] // 2
+        assert size is not None
+        x, y = size["width"] // 4, size["height"] * 2 // 3
         self.page.mouse.move(x, y)
         self.page.mouse.down()
         self.page.mouse.move(x + right, y + down, steps=steps)
@@ -91,9 +101,9 @@ class Browser:
         chromium: playwright's.
     """
 
-    chromium: Any
+    chromium: "playwright.Browser"
 
-    def open(self, port: int, width: int = 900, height: int = 600) -> Tab:
+    def open(self, port: int, width: int = 640, height: int = 420) -> Tab:
         """Open the page on a port of this machine."""
         page = self.chromium.new_page(viewport={"width": width, "height": height})
         tab = Tab(page)
@@ -107,16 +117,15 @@ class Browser:
 
 @contextlib.contextmanager
 def headless_browser() -> Iterator[Browser]:
-    """Start Chromium; a test skips where there is none."""
-    found = next(
-        (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-    )
+    """Start Chromium; where there is none, a test skips, or fails if one is required."""
+    found = next((path for name in NAMES if (path := shutil.which(name))), None)
     if found is None:
-        pytest.skip("no Chromium on this machine")
+        give_up = pytest.fail if REQUIRED in os.environ else pytest.skip
+        give_up(f"no Chromium on this machine: none of {', '.join(NAMES)} is on the path")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=Path(found), args=FLAGS)
+        chromium = playwright.chromium.launch(executable_path=Path(found), args=FLAGS, timeout=1000 * PATIENCE)
         try:
             yield Browser(chromium)
         finally:

@@ -1,4 +1,4 @@
-from neural_strands.editing.settings import Density, Haircut
+from neural_strands.editing.settings import Density, Haircut, Wind
 from neural_strands.viewer.history import History
 
 CUT, GROW = Haircut(length=0.1), Density(500)
@@ -25,3 +25,9 @@ def test_starting_over_can_be_taken_back():
     history = History((CUT,), (GROW,)).cleared()
     assert history.done == ()
     assert history.forward().done == (CUT,)
+
+
+def test_of_winds_in_a_row_the_last_one_stays():
+    calm, storm = Wind(strength=0.5), Wind(strength=3.0)
+    assert History((CUT,)).with_edit(calm).with_edit(storm).done == (CUT, storm)
+    assert History((calm,)).with_edit(CUT).with_edit(storm).done == (calm, CUT, storm)

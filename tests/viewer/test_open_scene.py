@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from neural_strands.editing.settings import Haircut, Restyle, Wind
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
@@ -87,3 +88,14 @@ def test_what_cannot_be_shown_is_one_sentence(tmp_path):
     np.savez(tmp_path / "bad.npz", a=np.zeros(3))
     with pytest.raises(InputError):
         open_groom(tmp_path / "bad.npz")
+
+
+def test_edits_made_one_by_one_are_the_same_as_all_at_once(tiny_run):
+    scene = open_run(tiny_run, newest_state(RunFolder(tiny_run)), CPU)
+    edits = (Haircut(length=0.05), Restyle(volume=0.5), Haircut(fraction=0.2), Wind())
+    stepwise = scene
+    for count in range(1, len(edits) + 1):
+        stepwise = stepwise.with_edits(edits[:count])
+    at_once = scene.with_edits(edits)
+    assert torch.equal(stepwise.strands.points, at_once.strands.points)
+    assert stepwise.with_edits(()).hair is scene.fitted

@@ -1,12 +1,12 @@
+import threading
 import time
-from dataclasses import replace
 
 import pytest
 import torch
 
-from neural_strands.editing.settings import Wind
+from neural_strands.editing.settings import Haircut, Wind
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.strands import Strands, lengths
 from neural_strands.runs.newest_model import newest_state
 from neural_strands.runs.run_folder import RunFolder
 from neural_strands.viewer.open_scene import open_run
@@ -36,31 +36,47 @@ def wait_for(page, count):
 
 
 def test_hair_moves_until_it_is_stopped_and_then_rests(scene):
-    page = FakePage(scene.with_edits((Wind(strength=3.0),)))
-    player = WindPlayer(page)
+    page, ends = FakePage(scene.with_edits((Wind(strength=3.0),))), []
+    player = WindPlayer(page, lambda: ends.append(True))
     player.play()
     wait_for(page, 4)
     player.stop()
     assert page.moments[-1] is None
+    assert ends == [True]
     first, later = page.moments[0].strands.points, page.moments[3].strands.points
     torch.testing.assert_close(first[:, 0], later[:, 0])
     assert float((first - later).norm(dim=-1).max()) > 1e-4
 
 
-def test_the_wind_ends_when_the_hair_is_changed(scene):
-    page = FakePage(scene.with_edits((Wind(),)))
-    player = WindPlayer(page)
+def test_hair_that_is_cut_blows_on(scene):
+    page, ends = FakePage(scene.with_edits((Wind(),))), []
+    player = WindPlayer(page, lambda: ends.append(True))
     player.play()
     wait_for(page, 1)
-    page.scene = replace(page.scene)
+    page.scene = scene.with_edits((Wind(), Haircut(fraction=0.5)))
     wait_for(page, len(page.moments) + 2)
+    moment = page.moments[-1]
+    assert ends == []
     player.stop()
+    whole, cut = (lengths(each.strands.points).mean() for each in (page.moments[0], moment))
+    assert float(cut) < 0.6 * float(whole)
+
+
+def test_the_wind_ends_when_it_is_undone(scene):
+    page, ended = FakePage(scene.with_edits((Wind(),))), threading.Event()
+    player = WindPlayer(page, ended.set)
+    player.play()
+    wait_for(page, 1)
+    page.scene = scene
+    assert ended.wait(60)
     assert page.moments[-1] is None
+    # What is told of the end may stop the player from its own thread.
+    player.stop()
 
 
 def test_without_wind_among_the_edits_there_is_one_sentence(scene):
     with pytest.raises(InputError, match="add it first"):
-        WindPlayer(FakePage(scene)).play()
+        WindPlayer(FakePage(scene), lambda: None).play()
 
 
 def test_thinned_strands_keep_their_ends_and_their_place_on_the_fitted_strand():

@@ -1,38 +1,39 @@
-"""The controls that change hair: haircut, number of strands, and undo."""
+"""The controls that change hair, and the list of what has been done, which can be undone."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 from neural_strands.editing.edit_list import edits_as_json
-from neural_strands.editing.settings import MOST_STRANDS, Density, Edit, Haircut
+from neural_strands.editing.hair import Hair
+from neural_strands.editing.settings import MOST_STRANDS, Dabs, Density, Edit
 from neural_strands.viewer.history import History
 from neural_strands.viewer.notices import told
 from neural_strands.viewer.page import Page
-from neural_strands.viewer.panels.plane_handle import PlaneHandle, middle_of
+from neural_strands.viewer.panels.haircut import HaircutPanel
+from neural_strands.viewer.panels.region import RegionBrush
+from neural_strands.viewer.panels.restyle import add_restyle_panel
 from neural_strands.viewer.panels.wind import add_wind_panel
 
 if TYPE_CHECKING:
     import viser
 
-Way = Literal["below the plane", "to a length", "by a share"]
-WAYS: tuple[Way, ...] = get_args(Way)
 CHANGES: dict[str, Callable[[History], History]] = {
     "Undo": History.back,
     "Redo": History.forward,
     "Start over": History.cleared,
 }
 """What the buttons do to the list of edits."""
-CENTIMETRE, MILLIMETRE = 0.01, 0.001
 
 
 class EditPanel:
     """The controls, and what has been done with them."""
 
-    def __init__(self, page: Page, redraw: Callable[[], None]) -> None:
+    def __init__(self, page: Page, fitted: Hair, redraw: Callable[[], None]) -> None:
         """Add the controls of what can be done to the page's hair.
 
         Args:
             page: whose hair is changed.
+            fitted: the hair before any edit: it says what can be done.
             redraw: draws anew whatever else shows the hair.
         """
         gui = page.server.gui
@@ -40,55 +41,20 @@ class EditPanel:
         changes = gui.add_button_group("Edits", tuple(CHANGES))
         self._list = gui.add_markdown("")
         changes.on_click(lambda event: self._change(event, CHANGES[changes.value]))
+        region: Callable[[], Dabs] = tuple
+        if fitted.strands.root_uv is not None:
+            with gui.add_folder("Region", expand_by_default=False):
+                region = RegionBrush(page).dabs
         with gui.add_folder("Haircut"):
-            self._add_haircut()
-        if page.scene.fitted is not None and page.scene.fitted.model is not None:
+            HaircutPanel(page, region, self._do)
+        if fitted.model is not None:
+            with gui.add_folder("Restyle", expand_by_default=False):
+                add_restyle_panel(page, region, self._do)
             with gui.add_folder("Number of strands", expand_by_default=False):
-                self._add_density(len(page.scene.fitted.strands))
+                self._add_density(len(fitted.strands))
             with gui.add_folder("Wind", expand_by_default=False):
                 add_wind_panel(page, self._do)
         self.describe()
-
-    def _add_haircut(self) -> None:
-        gui = self._page.server.gui
-        way = gui.add_dropdown("Cut", WAYS, initial_value=WAYS[0])
-        length = gui.add_slider("Length, cm", min=0.5, max=60.0, step=0.5, initial_value=15.0, visible=False)
-        share = gui.add_slider("Share cut off", min=0.0, max=1.0, step=0.01, initial_value=0.3, visible=False)
-        uneven = gui.add_slider(
-            "Unevenness, mm", min=0.0, max=30.0, step=0.5, initial_value=3.0, hint="How ragged the edge is"
-        )
-        show = gui.add_checkbox("Show the plane", initial_value=False, hint="Drag its arrows and rings to place it")
-        cut = gui.add_button("Cut the hair")
-        planes: list[PlaneHandle] = []
-
-        def set_plane() -> None:
-            while planes:
-                planes.pop().remove()
-            strands = self._page.scene.strands
-            if show.value and strands is not None and len(strands):
-                planes.append(PlaneHandle(self._page.server, middle_of(strands.points)))
-
-        @way.on_update
-        def _(_: object) -> None:
-            length.visible, share.visible, show.visible = (way.value == name for name in (WAYS[1], WAYS[2], WAYS[0]))
-            show.value = show.value and way.value == WAYS[0]
-            set_plane()
-
-        show.on_update(lambda _: set_plane())
-
-        def haircut() -> Haircut:
-            rough = MILLIMETRE * uneven.value
-            if way.value == "to a length":
-                return Haircut(length=CENTIMETRE * length.value, uneven=rough)
-            if way.value == "by a share":
-                return Haircut(fraction=share.value, uneven=rough)
-            strands = self._page.scene.strands
-            if not planes and strands is not None:
-                show.value = True
-                set_plane()
-            return Haircut(plane=planes[0].place(), uneven=rough)
-
-        cut.on_click(lambda event: self._do(event, "Cutting the hair", haircut))
 
     def _add_density(self, fitted: int) -> None:
         gui = self._page.server.gui
@@ -122,8 +88,9 @@ def described(edit: Edit) -> str:
     (document,) = edits_as_json([edit])
     name = document.pop("edit")
     document.pop("seed", None)
+    dabs = document.pop("region", ())
     settings = ", ".join(f"{key} {_short(value)}" for key, value in document.items())
-    return f"{name}: {settings}"
+    return f"{name}: {settings}" + (" in the painted region" if dabs else "")
 
 
 def _short(value: object) -> str:

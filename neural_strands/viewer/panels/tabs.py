@@ -34,9 +34,9 @@ class Tabs:
         if scene.photographs is not None and len(scene.photographs):
             with tabs.add_tab("Photos"):
                 add_photographs_panel(page, scene.photographs)
-        if scene.hair is not None and len(scene.hair.strands):
+        if scene.fitted is not None and len(scene.fitted.strands):
             with tabs.add_tab("Edit"):
-                self._edit = EditPanel(page, self._redraw)
+                self._edit = EditPanel(page, scene.fitted, self._redraw)
             with tabs.add_tab("Save"):
                 add_save_panel(page)
         if scene.kind == "run":

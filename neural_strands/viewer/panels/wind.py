@@ -28,7 +28,7 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
         page: whose hair is blown.
         do: carries out an edit, says so, and lists it.
     """
-    gui, player = page.server.gui, WindPlayer(page)
+    gui = page.server.gui
     direction = gui.add_dropdown("Wind", tuple(DIRECTIONS))
     strength = gui.add_slider("Strength", min=0.0, max=5.0, step=0.1, initial_value=1.0)
     gusts = gui.add_slider("Gusts", min=0.0, max=1.0, step=0.05, initial_value=0.5)
@@ -41,14 +41,20 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
         wanted = Wind(direction=DIRECTIONS[direction.value], strength=strength.value, gusts=gusts.value)
         if wanted not in page.scene.edits:
             do(event, "Adding wind", lambda: wanted)
+        blowing = False
         with told(event.client, "Starting the wind"):
             player.play()
-
-    play.on_update(blow)
+            blowing = True
+        play.value = blowing
 
     def change(event: "viser.GuiEvent") -> None:
         if play.value:
             blow(event)
 
+    def ended() -> None:
+        play.value = False
+
+    player = WindPlayer(page, ended)
+    play.on_update(blow)
     for control in (direction, strength, gusts):
         control.on_update(change)
