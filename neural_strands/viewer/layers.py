@@ -54,7 +54,7 @@ def layers_of(scene: Scene) -> list[Layer]:
     if scene.head is not None and len(scene.head.faces):
         found.append(Layer(HEAD, "Head", _draw_head, scene.renderer is None))
     if scene.photographs is not None:
-        found.append(Layer(CAMERAS, "Cameras (click one)", _draw_cameras, scene.kind == "capture"))
+        found.append(Layer(CAMERAS, "Cameras", _draw_cameras, scene.kind == "capture"))
     return found
 
 

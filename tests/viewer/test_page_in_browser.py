@@ -51,6 +51,7 @@ class Watched:
         request = self.served.page.request_of(client)
         if request != self.last_request:
             self.last_request, self.last_picture = request, picture_of(request, FINER[-1])
+        assert self.last_picture is not None
         return self.last_picture
 
     def shown(self):
