@@ -29,7 +29,7 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
         do: carries out an edit, says so, and lists it.
     """
     gui = page.server.gui
-    direction = gui.add_dropdown("Wind", tuple(DIRECTIONS))
+    direction = gui.add_dropdown("Direction", tuple(DIRECTIONS))
     strength = gui.add_slider("Strength", min=0.0, max=5.0, step=0.1, initial_value=1.0)
     gusts = gui.add_slider("Gusts", min=0.0, max=1.0, step=0.05, initial_value=0.5)
     play = gui.add_checkbox("Blow", initial_value=False, hint="Adds the wind to the edits and shows it")
