@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from neural_strands.editing.edit_list import hair_motion
+from neural_strands.editing.edit_list import HairMotion, hair_motion
 from neural_strands.editing.hair import Hair
-from neural_strands.editing.wind import BlownHair
+from neural_strands.editing.settings import Wind
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.renderer import HairRenderer
@@ -92,7 +92,7 @@ class Blowing:
     scene: Scene
     renderer: HairRenderer
     thin: Strands
-    motion: BlownHair
+    motion: HairMotion
 
     @classmethod
     def of(cls, scene: Scene) -> "Blowing":
@@ -104,7 +104,9 @@ class Blowing:
         if scene.renderer is None or scene.hair is None:
             raise InputError("Wind: expected hair with a model that renders it, found none; open a run.")
         thin = thinned(scene.hair.strands)
-        motion = hair_motion(Hair(thin, scene.hair.model), scene.edits)
+        # A simulation would not keep up.
+        quick = [replace(edit, simulate=False) if isinstance(edit, Wind) else edit for edit in scene.edits]
+        motion = hair_motion(Hair(thin, scene.hair.model), quick)
         if motion is None:
             raise InputError("Wind: expected wind among the edits, found none; add it first.")
         return cls(scene, scene.renderer, thin, motion)
