@@ -224,9 +224,9 @@ def test_a_page_beside_a_fit_waits_for_it_and_shows_it(tiny_run, browser, tmp_pa
         tab = browser.open(int(re.search(r"open http://127.0.0.1:(\d+)", said)[1]))
         tab.page.get_by_text("Waiting for a fit in run").wait_for()
         request = FitRequest(tiny_run.parent / "ball", tmp_path / "run", segments=tiny_run.parent / "segments.npz")
-        run_fit(request, replace(tiny_config(), steps=20), torch.device("cpu"), Feedback())
+        run_fit(request, replace(tiny_config(), steps=6), torch.device("cpu"), Feedback())
         tab.page.get_by_role("tab", name="Fit").click()
-        tab.page.get_by_text("Step 20 of 20").wait_for()
+        tab.page.get_by_text("Step 6 of 6").wait_for()
         tab.until(lambda canvas: canvas.std() > 10)
         assert tab.errors == []
         tab.page.close()
