@@ -180,7 +180,12 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = True
     options.print_summary = False
-    pycolmap.bundle_adjustment(model, options)
+    # `pycolmap.bundle_adjustment` does the same and writes to the terminal.
+    config = pycolmap.BundleAdjustmentConfig()
+    for identity in model.reg_image_ids():
+        config.add_image(identity)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     for camera in model.cameras.values():
         offset = np.array([camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2])
         if np.abs(offset).max() > CENTRE_RANGE * max(camera.width, camera.height):
