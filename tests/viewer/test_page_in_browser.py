@@ -176,7 +176,7 @@ def test_a_painted_region_is_restyled_alone(watch):
     tab.tab.fill("Brush, cm", "2")
     # Left of the panel, on the upper half of the ball of the head.
     tab.page.mouse.click(280, 150)
-    tab.page.get_by_text("strands that grow in the painted region").wait_for()
+    tab.page.get_by_text("strands of the painted region").wait_for()
     tab.page.get_by_text("Restyle", exact=True).click()
     tab.tab.fill("Length, times", "0.5")
     tab.page.get_by_role("button", name="Restyle the hair").click()
@@ -195,11 +195,11 @@ def test_wind_moves_the_hair_until_it_is_undone(watch):
     tab.tab.fill("Strength", "5")
     blow = tab.page.get_by_label("Blow")
     blow.click()
-    tab.page.get_by_text("wind: direction").wait_for()
+    tab.page.get_by_text("wind: strength 5").wait_for()
     tab.tab.until(lambda canvas: difference(still, canvas) > APART)
     assert blow.is_checked()
     tab.page.get_by_text("Undo", exact=True).click()
-    tab.page.get_by_text("wind: direction").wait_for(state="detached")
+    tab.page.get_by_text("wind: strength 5").wait_for(state="detached")
     tab.tab.wait_for(lambda: not blow.is_checked())
     tab.tab.until(lambda canvas: difference(still, canvas) < ALIKE)
     assert tab.tab.errors == []

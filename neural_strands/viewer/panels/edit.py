@@ -1,5 +1,6 @@
 """The controls that change hair, and the list of what has been done, which can be undone."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ CHANGES: dict[str, Callable[[History], History]] = {
     "Start over": History.cleared,
 }
 """What the buttons do to the list of edits."""
+MOST_NUMBERS = 3
+"""A setting of more numbers, such as a plane, is named without them."""
 
 
 class EditPanel:
@@ -84,16 +87,20 @@ class EditPanel:
 
 
 def described(edit: Edit) -> str:
-    """An edit in a few words, with its settings."""
+    """An edit in a few words: the settings that are not as usual."""
+    usual = {field.name: field.default for field in dataclasses.fields(edit)}
     (document,) = edits_as_json([edit])
     name = document.pop("edit")
-    document.pop("seed", None)
-    dabs = document.pop("region", ())
-    settings = ", ".join(f"{key} {_short(value)}" for key, value in document.items())
-    return f"{name}: {settings}" + (" in the painted region" if dabs else "")
+    painted = "region" in document
+    for hidden in ("seed", "region"):
+        document.pop(hidden, None)
+    told = [f"{key} {_short(value)}".strip() for key, value in document.items() if value != usual[key]]
+    return name + (": " if told else "") + ", ".join(told) + (" in the painted region" if painted else "")
 
 
 def _short(value: object) -> str:
     if isinstance(value, float):
         return f"{round(value, 3) + 0.0:g}"
-    return " ".join(_short(each) for each in value) if isinstance(value, tuple | list) else str(value)
+    if isinstance(value, tuple | list):
+        return " ".join(_short(each) for each in value) if len(value) <= MOST_NUMBERS else ""
+    return str(value)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NAME = "/painted_region"
 COLOUR = (255, 105, 40)
-DOT = 0.0025
+DOT = 0.0012
 """Size of the dots that show painted roots, metres."""
 CENTIMETRE = 0.01
 
@@ -79,11 +79,13 @@ class RegionBrush:
         fitted, scene = self._page.scene.fitted, self._page.server.scene
         if not self._dabs or fitted is None or fitted.strands.root_uv is None:
             hide(self._page.server, NAME)
-            self._says.content = "Edits change all of the hair."
+            self._says.content = "Haircut and restyling change all of the hair."
             return
         weight = region_weight(fitted.strands.root_uv, self.dabs()).cpu()
         painted = fitted.strands.points[:, 0].cpu()[weight > 0].numpy()
-        self._says.content = f"Edits change the {len(painted):,} strands that grow in the painted region."
+        self._says.content = (
+            f"Haircut and restyling change the {len(painted):,} strands that grow in the painted region."
+        )
         scene.add_point_cloud(
             NAME, painted, np.array(COLOUR, np.uint8), point_size=DOT, point_shape="circle", precision="float32"
         )
