@@ -12,6 +12,8 @@ from neural_strands.geometry.turntable import turntable_cameras
 
 FIELD_OF_VIEW = math.radians(25.0)
 """Vertical field of view of the page's first view, radians."""
+RAISED = 0.4
+"""How far above the middle the hair starts in a narrow window, whose lower half the panel covers; 0.5 is the border."""
 NEAREST = 0.1
 """Least distance of the point that the page turns around, metres."""
 SAME_TURN, SAME_PLACE = math.radians(1.0), 2e-3
@@ -74,14 +76,18 @@ def start_pose(points: Float[Tensor, "point 3"], aspect: float = 1.0) -> Pose:
 
     Args:
         points: world metres.
-        aspect: width of the canvas over its height: in a narrow window the camera stands farther away.
+        aspect: width of the canvas over its height: in a narrow window the camera stands farther away, and lower.
     """
     finite = points[points.isfinite().all(dim=1)]
     if len(finite) == 0:
         return Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), FIELD_OF_VIEW)
     camera = turntable_cameras(finite[None], 1, (512, 512))[0]
-    centre = 0.5 * (finite.amin(dim=0) + finite.amax(dim=0))
-    eye = centre + (camera.position - centre) / min(aspect, 1.0)
+    centre, narrow = 0.5 * (finite.amin(dim=0) + finite.amax(dim=0)), min(aspect, 1.0)
+    eye = centre + (camera.position - centre) / narrow
+    # The points take at most the share `narrow` of the image's height.
+    height = 2 * math.tan(0.5 * FIELD_OF_VIEW) * float((eye - centre).norm())
+    drop = centre.new_tensor([0.0, RAISED * (1 - narrow) * height, 0.0])
+    eye, centre = eye - drop, centre - drop
     return Pose(_triple(eye), _triple(centre), (0.0, 1.0, 0.0), FIELD_OF_VIEW)
 
 

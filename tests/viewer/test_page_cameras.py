@@ -45,6 +45,8 @@ def test_the_first_view_shows_the_face_and_all_of_the_hair(aspect):
     assert (depth > 0).all()
     assert (pixels >= 0).all()
     assert (pixels <= torch.tensor([camera.width, camera.height])).all()
+    if aspect < 0.5:
+        assert (pixels[:, 1] < camera.height / 2).all(), "the panel covers the lower half of a narrow window"
 
 
 def test_a_page_without_anything_has_a_first_view():
