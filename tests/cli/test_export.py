@@ -1,12 +1,20 @@
 """`export` and moving hair, run as a user runs them on a small model."""
 
+import importlib
+from dataclasses import replace
+
 import cv2
+import numpy as np
 import pytest
 from tiny_hair import tiny_hair_model
 
 from neural_strands.cli.main import main
+from neural_strands.editing.edit_list import hair_motion
+from neural_strands.editing.simulated_wind import SimulatedHair
+from neural_strands.geometry.resample import resample
 from neural_strands.grooms.io import read_groom
 from neural_strands.model.files import save_hair_model
+from neural_strands.runs.edited import open_hair
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +33,23 @@ def test_export_writes_coloured_strands(blown, tmp_path, capsys):
     assert groom.color is not None
     assert groom.root_uv is not None
     assert groom.uniform_size == 12
+
+
+def test_simulated_wind_is_a_sample_per_frame(blown, tmp_path):
+    words = ["wind", "--simulate", "--guides", "20", "--seconds", "0.2", "--calm", "0.05", "--fps", "12"]
+    assert main(["edit", str(blown.parent / "model"), str(tmp_path / "swinging"), *words]) == 0
+    assert main(["export", str(tmp_path / "swinging"), str(tmp_path / "hair.usd"), "--points", "12"]) == 0
+    usd, geometry = importlib.import_module("pxr.Usd"), importlib.import_module("pxr.UsdGeom")
+    stage = usd.Stage.Open(str(tmp_path / "hair.usd"))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (0, 2, 12)
+    written = geometry.BasisCurves(stage.GetPrimAtPath("/hair/strands")).GetPointsAttr()
+    opened = open_hair(tmp_path / "swinging")
+    motion = hair_motion(replace(opened.hair, strands=resample(opened.hair.strands, 12)), opened.edits)
+    assert isinstance(motion, SimulatedHair)
+    frames = [np.array(written.Get(frame)).reshape(200, 12, 3) for frame in range(3)]
+    for frame, points in enumerate(frames):
+        assert np.allclose(points, motion.at(frame / 12), atol=1e-6)
+    assert np.abs(frames[2] - frames[0]).max() > 1e-3
 
 
 def test_a_groom_alone_can_be_exported(blown, tmp_path):
