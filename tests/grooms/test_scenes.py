@@ -127,15 +127,51 @@ def test_grooms_read_back_equal(scene, tmp_path, suffix):
     assert torch.allclose(again.vertices, scene.strands.vertices, atol=1e-5)
 
 
+def test_alembic_holds_what_unreal_reads(scene, tmp_path):
+    pytest.importorskip("alembic3d")
+    abc, geometry = importlib.import_module("alembic3d.Abc"), importlib.import_module("alembic3d.AbcGeom")
+    path = tmp_path / "hair.abc"
+    write_scene(path, scene, Blender())
+    archive = abc.IArchive(str(path))
+    top = archive.getTop()
+    for name, groom, guide in (("strands", scene.strands, 0), ("guides", scene.guides, 1)):
+        curves = geometry.ICurves(top, name)
+        schema = curves.getSchema()
+        assert schema.getNumSamples() == (3 if name == "strands" else 1)
+        for frame in range(schema.getNumSamples()):
+            sample = schema.getValue(abc.ISampleSelector(frame))
+            points = [list(point) for point in sample.getPositions()]
+            assert np.allclose(points, groom.vertices + 0.01 * frame, atol=1e-6)
+            assert list(sample.getCurvesNumVertices()) == groom.sizes.tolist()
+        held = schema.getArbGeomParams()
+
+        def values(kind: str, attribute: str, held: object = held) -> list:
+            read = getattr(geometry, f"I{kind}GeomParam")(held, attribute)
+            return list(read.getExpandedValue().getVals())
+
+        assert values("Int16", "groom_guide") == [guide]
+        assert values("Int32", "groom_group_id") == [0]
+        assert [*values("Int16", "groom_version_major"), *values("Int16", "groom_version_minor")] == [1, 5]
+        assert values("Int32", "groom_id") == list(range(len(groom)))
+        if groom.root_uv is not None:
+            assert np.allclose([list(uv) for uv in values("V2f", "groom_root_uv")], groom.root_uv)
+            assert np.allclose(values("Float", "groom_width"), groom.width)
+            assert np.allclose([list(colour) for colour in values("C3f", "groom_color")], groom.color)
+    assert geometry.ICurves(top, "strands").getSchema().getTimeSampling().getSampleTime(2) == pytest.approx(2 / 12)
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("written_by", ["alembic3d", "blender"])
 @pytest.mark.parametrize("suffix", [".abc", ".usd"])
-def test_blender_opens_what_is_written(scene, tmp_path, suffix):
+def test_blender_opens_what_is_written(scene, tmp_path, suffix, written_by):
     """Both come up standing in Blender, where z is up: (x, y, z) is at (x, -z, y)."""
     python = os.environ.get(REAL_BLENDER)
     if python is None:
         pytest.skip(f"{REAL_BLENDER} names no Python with bpy")
+    if written_by == "alembic3d":
+        pytest.importorskip("alembic3d")
     path = tmp_path / f"hair{suffix}"
-    write_scene(path, scene, Blender(Path(python)))
+    write_scene(path, scene, Blender(Path(python) if written_by == "blender" else None))
     (tmp_path / "look.py").write_text(LOOK)
     done = subprocess.run([python, tmp_path / "look.py", path], capture_output=True, text=True, check=True)
     line = next(line for line in done.stdout.splitlines() if line.startswith("found "))
@@ -159,7 +195,7 @@ def test_refusals(scene, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"expected a format that holds motion with one of .* found .ply"):
         check_scene_path(tmp_path / "hair.ply", moves=True)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"expected Blender's module bpy, found none; install it"):
+    with pytest.raises(InputError, match=r"expected the module alembic3d or Blender's module bpy, found neither"):
         write_scene(tmp_path / "hair.abc", scene, Blender())
     with pytest.raises(InputError, match="found no file"):
         write_scene(tmp_path / "hair.abc", scene, Blender(tmp_path / "python"))

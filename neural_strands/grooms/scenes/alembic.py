@@ -1,9 +1,10 @@
-"""`.abc` files (Alembic), through Blender in a process of its own; written only.
+"""`.abc` files (Alembic), through the module `alembic3d` or through Blender in a process of its own; written only.
 
-No maintained Python package writes Alembic. Blender's module `bpy` does; because it is large, asks for one version of
-Python and is under the GPL, it may live in another environment, in which `alembic_worker.py` is run.
+`alembic3d`, the extra `alembic`, writes everything that Unreal reads (`unreal_alembic.py`). Where it is missing, or a
+Blender is named, Blender's module `bpy` writes; because that is large, asks for one version of Python and is under the
+GPL, it may live in another environment, in which `alembic_worker.py` is run.
 
-Kept: points (y up, metres), widths and motion, of strands and guides. Either object has the custom properties
+Blender keeps points (y up, metres), widths and motion, of strands and guides. Either object has the custom properties
 `groom_group_id` (0) and `groom_guide` (0 or 1). Blender's exporter writes no attributes of single curves, so root uv
 and colours are not kept.
 """
@@ -21,6 +22,7 @@ import numpy as np
 from neural_strands.foundation.errors import InputError
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.motion import Motion
+from neural_strands.grooms.scenes.unreal_alembic import is_available, write_unreal_alembic
 
 WORKER = Path(__file__).with_name("alembic_worker.py")
 ADVICE = (
@@ -40,15 +42,18 @@ class Blender:
     python: Path | None = None
 
     def check(self) -> None:
-        """See that it is there, before anything is computed.
+        """See that something is there that writes Alembic, before anything is computed.
 
         Raises:
             InputError: there is no such interpreter, or this one has no `bpy`.
         """
         if self.python is not None and not self.python.is_file():
             raise InputError(f"{self.python}: expected a Python with Blender's module bpy, found no file; {ADVICE}.")
-        if self.python is None and importlib.util.find_spec("bpy") is None:
-            raise InputError(f"Writing .abc: expected Blender's module bpy, found none; {ADVICE}.")
+        if self.python is None and not is_available() and importlib.util.find_spec("bpy") is None:
+            raise InputError(
+                "Writing .abc: expected the module alembic3d or Blender's module bpy, found neither; install the first "
+                f"(`pip install neural-strands[alembic]`), or Blender: {ADVICE}."
+            )
 
     def run(self, worker: Path, request: dict) -> None:
         """Run a worker on a request.
@@ -76,8 +81,11 @@ def write_alembic(path: Path, groom: Groom, guides: Groom | None, motion: Motion
     """Write strands and guides.
 
     Raises:
-        InputError: Blender is missing or does not work.
+        InputError: there is neither alembic3d nor Blender, or Blender does not work.
     """
+    if blender.python is None and is_available():
+        write_unreal_alembic(path, groom, guides, motion)
+        return
     with TemporaryDirectory() as folder:
         place = Path(folder)
         objects = []
