@@ -3,7 +3,7 @@
     python docs/make_edit_pictures.py RUN OTHER            # all, into docs/pictures
     python docs/make_edit_pictures.py RUN OTHER --only wind haircut
 
-RUN is the run of `neural-strands demo`, OTHER one of other hair, for `blend` and `transfer`. The camera stands where
+RUN is the run of `neural-strands demo`, OTHER one of other hair, for `transfer`. The camera stands where
 the hair of RUN is seen well, and stays. `edits.png` puts the four of the README side by side.
 """
 
@@ -16,7 +16,7 @@ import torch
 import tyro
 
 from neural_strands.editing.edit_list import hair_motion
-from neural_strands.editing.settings import Blend, Density, Edit, Haircut, Restyle, Sample, Transfer, Wind
+from neural_strands.editing.settings import Density, Edit, Haircut, Restyle, Transfer, Wind
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.renderer import HairRenderer
@@ -24,7 +24,9 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.edited import EditedHair, open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
-FOR_README = ("haircut", "wind", "curl", "sample")
+ROOM = 1.12
+"""Size of what the camera takes in, in sizes of the fitted hair."""
+FOR_README = ("haircut", "wind", "curl", "transfer")
 """Edits beside the fitted hair in `edits.png`."""
 
 
@@ -54,19 +56,17 @@ def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
         "density": ([Density(strands=1500)], 0.0),
         "curl": ([Restyle(curl=1.0)], 0.0),
         "wave": ([Restyle(wave=1.0)], 0.0),
-        "volume": ([Restyle(volume=1.0)], 0.0),
-        "blend": ([Blend(other=str(other), share=0.5)], 0.0),
+        "volume": ([Restyle(volume=0.5)], 0.0),
         "transfer": ([Transfer(other=str(other))], 0.0),
-        "sample": ([Sample(seed=3)], 0.0),
         "quick_wind": ([dataclasses.replace(breeze, simulate=False)], 1.5),
         "wind": ([breeze], 1.5),
     }
 
 
 def camera_of(points: torch.Tensor, turn: float, size: int) -> Camera:
-    """The camera of a turntable that stands at an angle."""
-    count = 360
-    return turntable_cameras(points, count, (size, size))[round(turn) % count]
+    """The camera of a turntable that stands at an angle, with room for hair that blows."""
+    middle = points.mean(dim=(0, 1))
+    return turntable_cameras(middle + ROOM * (points - middle), 360, (size, size))[round(turn) % 360]
 
 
 def picture(fitted: EditedHair, wanted: list[Edit], moment: float, camera: Camera) -> torch.Tensor:
