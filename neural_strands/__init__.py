@@ -19,6 +19,7 @@ _LOCATIONS = {
     "load_model": "api",
     "decode": "api",
     "render": "api",
+    "cut": "api",
     "turntable_cameras": "geometry.turntable",
     "read_groom": "grooms.io",
     "write_groom": "api",

@@ -1,3 +1,4 @@
+from neural_strands.api import cut as cut
 from neural_strands.api import decode as decode
 from neural_strands.api import evaluate as evaluate
 from neural_strands.api import fit as fit

@@ -12,6 +12,8 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
+from neural_strands.editing.haircut import cut_hair
+from neural_strands.editing.settings import Haircut
 from neural_strands.evaluation.geometry_metrics import GeometryScore, score_geometry
 from neural_strands.evaluation.oriented_points import (
     STEP,
@@ -23,6 +25,7 @@ from neural_strands.evaluation.oriented_points import (
 from neural_strands.evaluation.score_files import read_oriented_points
 from neural_strands.fitting.config import FitConfig, check_fit_config
 from neural_strands.fitting.stereo import find_segments, segments_source
+from neural_strands.foundation.configs import check_config
 from neural_strands.foundation.progress import Feedback
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
@@ -38,6 +41,7 @@ from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.runs.run_folder import RunFolder
 
 Device = torch.device | str
+SixNumbers = tuple[float, float, float, float, float, float]
 
 
 def load_capture(folder: Path | str) -> Capture:
@@ -216,6 +220,45 @@ def render(model: HairModel, camera: Camera, strands: Strands | None = None) -> 
         ((64, 64, 3), (64, 64))
     """
     return HairRenderer.of(model, strands).render(camera)
+
+
+def cut(
+    strands: Strands,
+    *,
+    length: float | None = None,
+    fraction: float | None = None,
+    plane: SixNumbers | None = None,
+    box: SixNumbers | None = None,
+    mesh: Path | str | None = None,
+    uneven: float = 0.003,
+    seed: int = 0,
+) -> Strands:
+    """Cut strands in one of five ways; what remains of a strand keeps its appearance.
+
+    Args:
+        strands: with `root_uv` if they are to be rendered.
+        length: longest strand that remains, metres.
+        fraction: share of every strand that is cut off, from 0 to 1.
+        plane: a point and a normal (six numbers, metres): what lies on the side of the normal is cut.
+        box: two opposite corners (six numbers, metres): what lies outside is cut.
+        mesh: file of a closed mesh in world metres: what lies outside is cut.
+        uneven: by how much strands may be cut shorter, metres, so that the edge looks cut by hand.
+        seed: of the uneven edge.
+
+    Raises:
+        InputError: not exactly one way is given, a value is out of its range, or no hair would remain.
+
+    Examples:
+        >>> import neural_strands as ns
+        >>> strands = ns.decode(ns.load_model("run"))
+        >>> shorter = ns.cut(strands, length=0.03)
+        >>> bool(shorter.points.diff(dim=1).norm(dim=-1).sum(dim=1).max() < 0.0301)
+        True
+    """
+    shape = None if mesh is None else str(mesh)
+    haircut = Haircut(length, fraction, plane, box, shape, uneven, seed=seed)
+    check_config(haircut, "cut")
+    return cut_hair(haircut, strands)
 
 
 def write_groom(path: Path | str, strands: Strands | Groom) -> None:
