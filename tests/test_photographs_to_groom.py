@@ -23,7 +23,7 @@ from neural_strands.synthesis.groom import make_groom
 from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
 from neural_strands.synthesis.styles import MELANIN, STYLES
 
-SIDE, VIEWS, STRANDS = 240, 26, 8000
+SIDE, VIEWS, STRANDS = 256, 30, 8000
 WALL = 1.8
 """Metres from the middle of the room to each wall."""
 

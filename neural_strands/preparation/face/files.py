@@ -47,8 +47,8 @@ def read_marks(path: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
     found = [[marked[stem]] if (stem := Path(name).stem.lower()) in marked else [] for name in names]
     if not any(found):
         raise InputError(
-            f"{path}: expected landmarks on the photographs (such as {names[0]}), found them on {len(marked)} others; "
-            "use the photographs' names."
+            f"{path}: expected landmarks on photographs that have a camera (such as {names[0]}), found them on "
+            f"{len(marked)} others; use the photographs' names, or set landmarks on those."
         )
     return found
 
