@@ -2,8 +2,7 @@
 
 The air pushes a rod with the wind's force tau times its weight, as in the quick wind, and slows it. Guides hold their
 lengths and stay outside the body; strands that follow turn with them, keep their own lengths exactly, and are led
-around the body where they would enter it. Hair does not collide with hair; instead, hair that lay above other hair
-keeps some of its height above the skin.
+around the body where they would enter it. Hair does not collide with hair.
 
 Time is divided into equal steps, counted from the start. A moment is the state after a whole number of them, so it
 does not depend on which moments were asked for before.

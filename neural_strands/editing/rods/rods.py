@@ -14,7 +14,7 @@ The first two are quadratic in the points while directions that bending carries 
 their matrix never changes. It has two subdiagonals and is factored once.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Float64
@@ -93,11 +93,6 @@ class Rods:
         bends[:, -1] = 0.0
         bands = _bands(length.double(), mass.double(), bends.double(), config, seconds)
         return cls(points.contiguous(), length, mass, bends, *_factored(*bands), config, seconds)
-
-    def to(self, device: torch.device | str) -> "Rods":
-        """Move every tensor to `device`."""
-        tensors = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
-        return replace(self, **tensors)
 
 
 def _bands(
