@@ -41,8 +41,6 @@ OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {
 """What carries out the edits of the scalp textures and of their roots."""
 OF_STRANDS: dict[type, Callable[[Any, Strands], Strands]] = {Haircut: cut_hair}
 """What carries out the edits of strands."""
-BODY_SPACING = 0.005
-"""Metres between the nodes of the grid of distances to head and body."""
 RISE = 0.3
 """How fast strands of a new shape leave the skin: height over length."""
 NAME = "edit"
@@ -64,7 +62,7 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
             shape = OF_TEXTURES[type(edit)](edit, shape, model)
         strands = shape.decode(model)
         if any(type(edit) is not Density for edit in of_textures):
-            strands = kept_outside(strands, model)
+            strands = kept_outside(strands, hair.body_grid)
     for edit in edits:
         if type(edit) in OF_STRANDS:
             strands = OF_STRANDS[type(edit)](edit, strands)
@@ -76,24 +74,16 @@ def hair_motion(hair: Hair, edits: Sequence[Edit]) -> HairMotion | None:
     wind = next((edit for edit in reversed(edits) if isinstance(edit, Wind)), None)
     if wind is None:
         return None
-    body = None if hair.model is None else body_grid(hair.model)
-    return (SimulatedHair if wind.simulate else BlownHair)(wind, hair.strands, body)
+    return (SimulatedHair if wind.simulate else BlownHair)(wind, hair.strands, hair.body_grid)
 
 
-def kept_outside(strands: Strands, model: HairModel) -> Strands:
+def kept_outside(strands: Strands, body: SignedDistanceGrid | None) -> Strands:
     """Strands of a new shape, led around the head where they would enter it."""
-    body = body_grid(model)
     if body is None:
         return strands
     rising = (RISE * arc_lengths(strands.points)).clamp(max=CLEARANCE)
     points = follow_outside(strands.points[:, 0], segments(strands.points), body, rising)
     return dataclasses.replace(strands, points=points)
-
-
-def body_grid(model: HairModel) -> SignedDistanceGrid | None:
-    """Distance to a model's head and body; None where it has none."""
-    mesh = model.body.mesh
-    return SignedDistanceGrid.build(mesh, BODY_SPACING) if len(mesh.faces) else None
 
 
 def edit_name(edit: Edit) -> str:

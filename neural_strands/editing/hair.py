@@ -1,17 +1,36 @@
 """What edits act on: strands, and the scalp texture that a model decodes to strands."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.frames import to_world
+from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.thickness import strand_widths
 from neural_strands.raster.texture import sample_texture
+
+BODY_SPACING = 0.005
+"""Metres between the nodes of the grid of distances to head and body."""
+
+
+class Body:
+    """Head and body, and the distance to them, which is sampled when it is first asked for."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        """Sample nothing yet."""
+        self._mesh = mesh
+
+    @cached_property
+    def grid(self) -> SignedDistanceGrid | None:
+        """Signed distance; None where there is no surface."""
+        return SignedDistanceGrid.build(self._mesh, BODY_SPACING) if len(self._mesh.faces) else None
 
 
 @dataclass(frozen=True)
@@ -21,15 +40,22 @@ class Hair:
     Attributes:
         strands: world metres.
         model: the model that decoded the strands and renders them; None for a groom alone.
+        body: what strands must not enter; None for a groom alone.
     """
 
     strands: Strands
     model: HairModel | None = None
+    body: Body | None = None
 
     @classmethod
     def of(cls, model: HairModel) -> "Hair":
         """The hair of a model as it was fitted."""
-        return cls(ScalpShape.of(model).decode(model), model)
+        return cls(ScalpShape.of(model).decode(model), model, Body(model.body.mesh))
+
+    @property
+    def body_grid(self) -> SignedDistanceGrid | None:
+        """Signed distance to head and body; None where there are none. Hair that was edited shares it."""
+        return None if self.body is None else self.body.grid
 
     def modelled(self, edit: str) -> HairModel:
         """The model, for an edit that needs one.

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import torch
 
 from neural_strands.editing.edit_list import HairMotion, hair_motion
-from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import Wind
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands
@@ -106,7 +105,7 @@ class Blowing:
         thin = thinned(scene.hair.strands)
         # A simulation would not keep up.
         quick = [replace(edit, simulate=False) if isinstance(edit, Wind) else edit for edit in scene.edits]
-        motion = hair_motion(Hair(thin, scene.hair.model), quick)
+        motion = hair_motion(replace(scene.hair, strands=thin), quick)
         if motion is None:
             raise InputError("Wind: expected wind among the edits, found none; add it first.")
         return cls(scene, scene.renderer, thin, motion)

@@ -7,7 +7,7 @@ import pytest
 import torch
 from tiny_hair import RADIUS, tiny_hair_model
 
-from neural_strands.editing.edit_list import body_grid, hair_motion
+from neural_strands.editing.edit_list import hair_motion
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import Wind
 from neural_strands.editing.wind import BlownHair, turned
@@ -98,7 +98,7 @@ def test_seeds():
 
 
 def test_of_several_winds_the_last_one_blows(hair):
-    still = replace(hair, model=None)
+    still = replace(hair, model=None, body=None)
     motion = hair_motion(still, [Wind(strength=1.0), Wind(strength=2.0, seconds=0.5, fps=10.0)])
     assert motion is not None
     assert motion.wind.strength == 2.0
@@ -108,9 +108,11 @@ def test_of_several_winds_the_last_one_blows(hair):
 
 def test_a_model_without_a_body_has_no_grid():
     model = tiny_hair_model()
-    assert body_grid(model) is not None
+    hair = Hair.of(model)
+    assert hair.body_grid is not None
+    assert replace(hair, strands=hair.strands.select(torch.arange(2))).body_grid is hair.body_grid
     model.body.faces = model.body.faces[:0]
-    assert body_grid(model) is None
+    assert Hair.of(model).body_grid is None
 
 
 def test_a_direction_needs_a_length():
