@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
@@ -14,12 +14,13 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import lengths
 
 MOSTLY = 0.5
-"""A strand with more than this share of its points unseen is as long as the seen ones about it; one with less, no
-longer than the longest of them."""
+"""A strand with more than this share of its points unseen is no longer than expected of the hair about it."""
+LONGEST = 0.8
+"""Nor is it longer than this quantile of the strands that are mostly seen."""
 MOST_KNOWN = 2000
-"""Strands that lengths are continued from, evenly chosen where there are more."""
-CLOSE = 0.002
-"""Metres added to distances: strands nearer than this tell alike."""
+"""Strands that lengths are expected from, evenly chosen where there are more."""
+NEARBY = 0.02
+"""Metres added to distances: strands nearer than this tell alike. Were it less, a strand would be told by itself."""
 
 
 @dataclass(frozen=True)
@@ -70,25 +71,42 @@ def trace_hair(
     if field.unseen is None:
         return TracedStrands(points, torch.zeros_like(points[:, 0, 0]))
     unseen = _unseen_share(field, points)
-    found, guessed = unseen == 0, unseen > 0
-    if bool(guessed.any()) and bool(found.any()):
+    known, guessed = unseen <= MOSTLY, unseen > MOSTLY
+    if bool(guessed.any()) and bool(known.any()):
         length = lengths(points)
-        most = torch.where(unseen > MOSTLY, continued(length[found], roots[found], roots), length[found].max())[guessed]
+        seen = torch.where(known, length, (1 - unseen) * length)
+        most = expected_lengths(seen, known, roots, roots[guessed])
+        most = most.clamp(max=float(length[known].quantile(LONGEST)))
         points[guessed] = trace_strands(field, roots[guessed], normals[guessed], config, most)
         unseen = _unseen_share(field, points)
     return TracedStrands(points, unseen)
 
 
-def continued(
-    values: Float[Tensor, " known"], known: Float[Tensor, "known 3"], places: Float[Tensor, "place 3"]
+def expected_lengths(
+    seen: Float[Tensor, " strand"],
+    known: Bool[Tensor, " strand"],
+    roots: Float[Tensor, "strand 3"],
+    places: Float[Tensor, "place 3"],
 ) -> Float[Tensor, " place"]:
-    """Values continued to other places: means weighted by the inverse fourth power of the distance (Shepard 1968)."""
-    every = max(1, len(known) // MOST_KNOWN)
-    values, known = values[::every], known[::every]
+    """Length of hair at other places, from strands that views may see in part only.
+
+    A strand that goes where no view sees is at least as long as what is seen of it. Were only those counted that stay
+    in sight, long hair would be missing among them. If a strand may end anywhere, the likeliest mean length is the
+    length seen of all strands, divided by the number of those seen whole (Epstein and Sobel 1953). Both are sums over
+    strands, weighted by the inverse fourth power of the distance (Shepard 1968).
+
+    Args:
+        seen: length seen of each strand, metres.
+        known: whether that is all of it; so for one at least.
+        roots: where they grow.
+        places: where lengths are asked for.
+    """
+    every = max(1, len(roots) // MOST_KNOWN)
+    seen, known, roots = seen[::every], known[::every].to(seen), roots[::every]
     parts = []
     for part in places.split(MOST_KNOWN):
-        weight = (torch.cdist(part, known) + CLOSE).pow(-4)
-        parts.append((weight @ values) / weight.sum(dim=1))
+        weight = (torch.cdist(part, roots) + NEARBY).pow(-4)
+        parts.append((weight @ seen) / (weight @ known))
     return torch.cat(parts)
 
 

@@ -5,7 +5,7 @@ import math
 import torch
 
 from neural_strands.flow.field import FlowField
-from neural_strands.flow.tracing import TraceConfig, continued, trace_hair, trace_strands
+from neural_strands.flow.tracing import TraceConfig, expected_lengths, trace_hair, trace_strands
 from neural_strands.geometry.strands import lengths
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
@@ -77,8 +77,36 @@ def test_unseen_strands_are_as_long_as_their_neighbours():
     assert (lengths(whole.points)[2:] > 0.28).all()
 
 
-def test_values_continued_are_those_nearby_and_between_their_extremes(generator):
-    known, values = torch.rand(50, 3, generator=generator), torch.rand(50, generator=generator)
-    torch.testing.assert_close(continued(values, known, known + 1e-5), values, atol=0.05, rtol=0)
-    far = continued(values, known, 10 + torch.rand(4, 3, generator=generator))
-    torch.testing.assert_close(far, values.mean().expand(4), atol=0.05, rtol=0)
+def test_strands_seen_in_part_are_at_least_as_long_as_what_is_seen():
+    # Nobody sees the upper 6 cm of the 20 cm on the left; in the middle, a strand of 3 cm is seen from root to tip. On
+    # the right, nobody sees anything below 5 cm, and the volume goes on to 30 cm.
+    grid = VoxelGrid((0.005, 0.005, 0.005), 0.01, (10, 32, 4))
+    down = torch.tensor([0.0, -1.0, 0.0]).expand(*grid.shape, 3)
+    domain, unseen = torch.ones(grid.shape, dtype=torch.bool), torch.zeros(grid.shape, dtype=torch.bool)
+    domain[:4, :10], domain[4:6, :27] = False, False
+    unseen[:4, 24:], unseen[6:, :25] = True, True
+    x = torch.tensor([0.012, 0.031, 0.05, 0.071, 0.093])
+    roots = torch.stack([x, torch.full_like(x, 0.30), torch.full_like(x, 0.02)], dim=-1)
+    normals = torch.tensor([[0.0, 1.0, 0.0]]).expand(5, 3)
+    found = trace_hair(FlowField(grid, down, domain, unseen), roots, normals, TraceConfig(step=0.001))
+    length = lengths(found.points)
+    torch.testing.assert_close(length[:3], torch.tensor([0.2, 0.2, 0.03]), atol=3e-3, rtol=0)
+    assert (length[3:] > 0.05).all()
+    assert (length[3:] < 0.205).all()
+
+
+def test_lengths_expected_of_strands_seen_whole_are_weighted_means(generator):
+    roots, seen = torch.rand(50, 3, generator=generator), torch.rand(50, generator=generator)
+    whole = torch.ones(50, dtype=torch.bool)
+    torch.testing.assert_close(expected_lengths(seen, whole, roots, roots + 1e-5), seen, atol=0.05, rtol=0)
+    far = expected_lengths(seen, whole, roots, 10 + torch.rand(4, 3, generator=generator))
+    torch.testing.assert_close(far, seen.mean().expand(4), atol=0.05, rtol=0)
+
+
+def test_lengths_expected_of_strands_cut_off_are_those_of_the_hair(generator):
+    # Exponential lengths about 12 cm, of which nobody sees more than 6 cm; from far away all strands weigh alike.
+    true = -0.12 * torch.log(1 - torch.rand(2000, generator=generator))
+    seen, whole, roots = true.clamp(max=0.06), true < 0.06, 1e-3 * torch.rand(2000, 3, generator=generator)
+    (found,) = expected_lengths(seen, whole, roots, torch.tensor([[5.0, 0.0, 0.0]])).tolist()
+    assert abs(found - 0.12) < 0.012
+    assert float(seen[whole].mean()) < 0.04
