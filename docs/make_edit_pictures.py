@@ -26,6 +26,8 @@ from neural_strands.runs.edited import EditedHair, open_hair
 ROOT = Path(__file__).resolve().parents[1]
 ROOM = 1.12
 """Size of what the camera takes in, in sizes of the fitted hair."""
+SMALLER = 0.88
+"""Size of a picture in the README's row, in sizes of the others."""
 FOR_README = ("haircut", "wind", "curl", "transfer")
 """Edits beside the fitted hair in `edits.png`."""
 
@@ -79,6 +81,14 @@ def picture(fitted: EditedHair, wanted: list[Edit], moment: float, camera: Camer
     return HairRenderer.of(fitted.hair.modelled("pictures"), strands).render(camera).rgb
 
 
+def smaller(image: torch.Tensor) -> torch.Tensor:
+    """A picture of SMALLER times the size."""
+    rows = image.permute(2, 0, 1)[None]
+    return torch.nn.functional.interpolate(rows, scale_factor=SMALLER, mode="bilinear", antialias=True)[0].permute(
+        1, 2, 0
+    )
+
+
 def main(arguments: Arguments) -> None:
     """Render and write."""
     fitted = open_hair(arguments.run)
@@ -91,7 +101,8 @@ def main(arguments: Arguments) -> None:
         drawn[name] = picture(fitted, wanted, moment, camera)
         write_png(arguments.out / f"edit_{name}.png", torch.cat([before, drawn[name]], dim=1))
     if all(name in drawn for name in FOR_README):
-        write_png(arguments.out / "edits.png", torch.cat([before, *(drawn[name] for name in FOR_README)], dim=1))
+        row = torch.cat([before, *(drawn[name] for name in FOR_README)], dim=1)
+        write_png(arguments.out / "edits.png", smaller(row))
 
 
 if __name__ == "__main__":
