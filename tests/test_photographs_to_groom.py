@@ -68,9 +68,10 @@ def room(camera: Camera, papers: list[np.ndarray]) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_bare_photographs_become_a_groom(tmp_path: Path):
+def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("pycolmap")
     pytest.importorskip("mitsuba")
+    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
     template, cameras = builtin_template(), orbit()
     black = MELANIN["black"]
     truth = make_groom(template.head, STYLES["short"], black, STRANDS, torch.Generator().manual_seed(0))
