@@ -28,7 +28,7 @@ ROOM = 1.12
 """Size of what the camera takes in, in sizes of the fitted hair."""
 SMALLER = 0.88
 """Size of a picture in the README's row, in sizes of the others."""
-FOR_README = ("haircut", "wind", "curl", "transfer")
+FOR_README = ("haircut", "wind", "curl", "volume")
 """Edits beside the fitted hair in `edits.png`."""
 
 
