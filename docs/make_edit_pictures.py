@@ -3,7 +3,7 @@
     python docs/make_edit_pictures.py RUN OTHER            # all, into docs/pictures
     python docs/make_edit_pictures.py RUN OTHER --only wind haircut
 
-RUN is the run of `neural-strands demo`, OTHER one of other hair, for `transfer`. The camera stands where
+RUN is the run of `neural-strands demo`, OTHER one of other hair, for `blend` and `transfer`. The camera stands where
 the hair of RUN is seen well, and stays. `edits.png` puts the four of the README side by side.
 """
 
@@ -16,7 +16,7 @@ import torch
 import tyro
 
 from neural_strands.editing.edit_list import hair_motion
-from neural_strands.editing.settings import Density, Edit, Haircut, Restyle, Transfer, Wind
+from neural_strands.editing.settings import Blend, Density, Edit, Haircut, Restyle, Transfer, Wind
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.renderer import HairRenderer
@@ -59,6 +59,7 @@ def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
         "curl": ([Restyle(curl=1.0)], 0.0),
         "wave": ([Restyle(wave=1.0)], 0.0),
         "volume": ([Restyle(volume=0.5)], 0.0),
+        "blend": ([Blend(other=str(other), share=0.5)], 0.0),
         "transfer": ([Transfer(other=str(other))], 0.0),
         "quick_wind": ([dataclasses.replace(breeze, simulate=False)], 1.5),
         "wind": ([breeze], 1.5),

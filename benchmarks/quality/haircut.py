@@ -31,7 +31,7 @@ from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
-from neural_strands.model.files import save_hair_model
+from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import write_png
@@ -40,7 +40,7 @@ from neural_strands.scalp.head import Head
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots
 from neural_strands.synthesis.dome import DomeConfig
-from neural_strands.synthesis.groom import make_groom
+from neural_strands.synthesis.groom import make_groom, strand_widths
 from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
 from neural_strands.synthesis.styles import STYLES, StyleName
 from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
@@ -51,7 +51,7 @@ class Arguments:
     """The hair, its haircut, and how long appearance is fitted."""
 
     out: Path = Path("haircut")
-    """Folder of the capture, the model and the pictures."""
+    """Folder of the capture, the model and the pictures; finished views and a fitted model there are used again."""
     style: StyleName = "straight"
     """Style of the groom."""
     strands: int = 4000
@@ -143,14 +143,17 @@ def main(arguments: Arguments) -> None:
     if capture.ground_truth is None:
         sys.exit(f"{capture.folder}: expected ground_truth.npz, found none")
     head = find_head(capture)
-    strands = replace(capture.ground_truth, root_uv=attach_roots(head, capture.ground_truth.points[:, 0]).uv)
+    points = capture.ground_truth.points
+    # A cut leaves widths as they are; without them the tracer would let the cut strands taper.
+    strands = Strands(points, attach_roots(head, points[:, 0]).uv, width=strand_widths(points))
     after = cut_hair(Haircut(length=arguments.length), strands)
     views = capture.views_on("cpu")
     everything = [views[index] for index in range(len(capture))]
     truth = pictures_after(head, strands, after, config, everything)
     traced = time.perf_counter()
-    model = fitted(arguments, capture, head, strands)
-    save_hair_model(model, arguments.out / "model", {"benchmark": "haircut"})
+    if not (arguments.out / "model").is_dir():
+        save_hair_model(fitted(arguments, capture, head, strands), arguments.out / "model", {"benchmark": "haircut"})
+    model = load_hair_model(arguments.out / "model").eval()
     figures = compared(model, strands, after, everything, truth, arguments.out)
     minutes = {"traced": (traced - begin) / 60, "fitted_and_scored": (time.perf_counter() - traced) / 60}
     figures |= {f"minutes_{name}": round(value, 1) for name, value in minutes.items()}

@@ -9,7 +9,7 @@ from neural_strands.editing.kernels.outside import follow_outside as follow_kern
 from neural_strands.foundation import kernels
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 
-ROUNDS = 4
+ROUNDS = 8
 """Times that a step is turned until it ends outside."""
 CLEARANCE = 0.001
 """Height above the skin that strands keep, metres, except where they were lower to begin with."""
