@@ -24,7 +24,6 @@ from neural_strands.scalp.fit_similarity import fit_similarity
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
 from neural_strands.scalp.mannequin import mannequin
-from neural_strands.synthesis.collision import keep_outside
 from neural_strands.synthesis.detail import assign_locks, strand_frames
 from neural_strands.synthesis.dome import DomeConfig
 from neural_strands.synthesis.groom import GRID_MARGIN, GRID_SPACING, make_groom, strand_widths
@@ -135,7 +134,10 @@ def grown(case: Case, data: Path, generator: torch.Generator) -> tuple[Head, Str
 
 
 def wound(strands: Strands, head: Head, winding: Winding, generator: torch.Generator) -> Strands:
-    """Lay a wave or a curl over every strand; it grows from nothing at the root within a wave."""
+    """Lay a wave or a curl over every strand; it grows from nothing at the root within a wave.
+
+    Strands are lifted off the head by as much as a curl would enter it.
+    """
     points = resample(strands, POINTS).points
     lock = assign_locks(points[:, 0], LOCK, generator)
 
@@ -152,9 +154,9 @@ def wound(strands: Strands, head: Head, winding: Winding, generator: torch.Gener
     normals = points[:, 0] - head.mesh.vertices.mean(dim=0)
     frames = strand_frames(points, torch.nn.functional.normalize(normals, dim=-1))
     offset = torch.stack([size * phase.cos(), winding.roundness * size * phase.sin()], dim=-1)
-    laid = points + (frames[..., :2] @ offset[..., None]).squeeze(-1)
-    grid = SignedDistanceGrid.build(head.mesh, GRID_SPACING, GRID_MARGIN)
-    return Strands(keep_outside(laid, grid, head.mesh))
+    height, outward = SignedDistanceGrid.build(head.mesh, GRID_SPACING, GRID_MARGIN).with_outward(points)
+    lift = (size - height.clamp(min=0.0)).clamp(min=0.0)
+    return Strands(points + lift[..., None] * outward + (frames[..., :2] @ offset[..., None]).squeeze(-1))
 
 
 def _head(name: HeadName, data: Path) -> Head:
