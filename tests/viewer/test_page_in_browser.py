@@ -174,9 +174,15 @@ def test_a_painted_region_is_restyled_alone(watch):
     tab.page.get_by_text("Region", exact=True).click()
     tab.page.get_by_label("Paint", exact=True).click()
     tab.tab.fill("Brush, cm", "2")
-    # Left of the panel, on the upper half of the ball of the head.
-    tab.page.mouse.click(280, 150)
-    tab.page.get_by_text("strands of the painted region").wait_for()
+    painted = tab.page.get_by_text("strands of the painted region")
+
+    def clicked() -> bool:
+        # Left of the panel, below the notices, on the upper half of the ball of the head.
+        tab.page.mouse.click(290, 165)
+        tab.page.wait_for_timeout(2000)
+        return painted.is_visible()
+
+    tab.tab.wait_for(clicked)
     tab.page.get_by_text("Restyle", exact=True).click()
     tab.tab.fill("Length, times", "0.5")
     tab.page.get_by_role("button", name="Restyle the hair").click()

@@ -56,10 +56,11 @@ class RegionBrush:
 
     def _set_painting(self) -> None:
         scene = self._page.server.scene
-        self._radius.visible = self._paint.value
         scene.remove_click_callback(self._click)
         if self._paint.value:
             scene.on_click()(self._click)
+        # Where the brush is seen, a click paints.
+        self._radius.visible = self._paint.value
 
     def _click(self, event: "viser.SceneClickEvent") -> None:
         fitted = self._page.scene.fitted
