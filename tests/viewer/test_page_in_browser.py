@@ -174,7 +174,7 @@ def test_a_painted_region_is_restyled_alone(watch):
     tab.page.get_by_text("Region", exact=True).click()
     tab.page.get_by_label("Paint", exact=True).click()
     tab.tab.fill("Brush, cm", "2")
-    painted = tab.page.get_by_text("strands of the painted region")
+    painted = tab.page.get_by_text("that grow in the painted region")
 
     def clicked() -> bool:
         # Left of the panel, below the notices, on the upper half of the ball of the head.
