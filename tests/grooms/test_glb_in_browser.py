@@ -90,7 +90,7 @@ def test_three_draws_every_strand_in_its_colour(address, tmp_path):
     with headless_browser() as browser:
         tab = browser.open(address, 400, 400)
         tab.page.wait_for_function("window.found !== undefined")
-        found, picture = tab.page.evaluate("window.found"), tab.picture()
+        found, picture = tab.page.evaluate("window.found"), tab.canvas()
     assert tab.errors == []
     segments = sum(size - 1 for size in sizes)
     assert found == [{"together": True, "ends": 2 * segments, "points": 25, "colours": 25}]
