@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.face.files import read_faces
+from neural_strands.preparation.photographs.folder import read_list
 from neural_strands.preparation.stage import digest_files, run_stage
 
 
@@ -49,3 +51,11 @@ def test_a_digest_tells_names_and_contents_apart(tmp_path: Path):
     digests = {digest_files([tmp_path / name]) for name in "abc"}
     assert len(digests) == 3
     assert digest_files([tmp_path / "a"]) in digests
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[1, 2]", '{"a.png": [[1, 2]]}', '[{"name": 3}]'])
+def test_damaged_files_of_a_stage_are_one_sentence(tmp_path: Path, damage: str):
+    for name, read in (("photographs.json", read_list), ("faces.json", lambda folder: read_faces(folder, ["a.png"]))):
+        (tmp_path / name).write_text(damage)
+        with pytest.raises(InputError, match=r"expected .*run prepare again"):
+            read(tmp_path)

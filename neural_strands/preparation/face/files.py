@@ -22,9 +22,23 @@ def write_faces(folder: Path, names: Sequence[str], faces: Sequence[Sequence[np.
 
 
 def read_faces(folder: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
-    """Read what `write_faces` wrote, in the order of `names`."""
-    document = json.loads((folder / FACES).read_text(encoding="utf-8"))
-    return [[np.array(face, dtype=np.float64) for face in document.get(name, [])] for name in names]
+    """Read what `write_faces` wrote, in the order of `names`.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    written = read_json(folder / FACES, "faces", f"delete {folder} and run prepare again").members()
+    return [[_landmarks(face) for face in written[name].elements()] if name in written else [] for name in names]
+
+
+def _landmarks(face: JsonValue) -> np.ndarray:
+    """(landmark, 2) pixels, NaN where a mark is null."""
+    marks = face.elements()
+    found = np.full((len(marks), 2), np.nan)
+    for place, mark in enumerate(marks):
+        if mark.value != [None, None]:
+            found[place] = mark.array(2)
+    return found
 
 
 def read_marks(path: Path, names: Sequence[str]) -> list[list[np.ndarray]]:

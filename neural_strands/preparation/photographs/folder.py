@@ -14,7 +14,9 @@ import cv2
 import numpy as np
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
+from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.json_files import read_json
 from neural_strands.foundation.progress import track
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
@@ -118,8 +120,13 @@ def write_list(folder: Path, photographs: Sequence[Photograph]) -> None:
 
 
 def read_list(folder: Path) -> list[Photograph]:
-    """Read what `write_list` wrote."""
-    return [Photograph(**row) for row in json.loads((folder / LIST).read_text(encoding="utf-8"))]
+    """Read what `write_list` wrote.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    listed = read_json(folder / LIST, "the list of photographs", f"delete {folder} and run prepare again")
+    return [config_from_json(Photograph, row) for row in listed.elements()]
 
 
 def write_picture(path: Path, pixels: np.ndarray) -> None:
