@@ -76,7 +76,8 @@ def trace_hair(
         length = lengths(points)
         seen = torch.where(known, length, (1 - unseen) * length)
         most = expected_lengths(seen, known, roots, roots[guessed])
-        most = most.clamp(max=float(length[known].quantile(LONGEST)))
+        in_order = length[known].sort().values
+        most = most.minimum(in_order[round(LONGEST * (len(in_order) - 1))])
         points[guessed] = trace_strands(field, roots[guessed], normals[guessed], config, most)
         unseen = _unseen_share(field, points)
     return TracedStrands(points, unseen)

@@ -1,5 +1,6 @@
 """The page in a real browser: what it shows is what the renderer draws for its camera."""
 
+import os
 import re
 from dataclasses import dataclass, replace
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from headless_browser import Browser, Tab, headless_browser
+from headless_browser import REQUIRED, Browser, Tab, headless_browser
 from tiny_capture import tiny_config
 
 from neural_strands.editing.edit_list import read_edits
@@ -21,7 +22,11 @@ from neural_strands.viewer.render_loop import FINER
 from neural_strands.viewer.serve import ServedPage
 from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    # Chromium without a graphics card needs both cores of a small machine for minutes: beside other tests waits run out.
+    pytest.mark.skipif(REQUIRED not in os.environ, reason="the page in a browser: run `make browser`"),
+]
 
 SMALL = (90, 60)
 """Width and height at which pictures are compared, so that neither JPEG nor the size that was drawn counts."""
