@@ -24,7 +24,7 @@ from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
 pytestmark = [
     pytest.mark.slow,
-    # Chromium without a graphics card needs both cores of a small machine for minutes: beside other tests waits run out.
+    # Chromium without a graphics card needs both cores of a small machine for minutes.
     pytest.mark.skipif(REQUIRED not in os.environ, reason="the page in a browser: run `make browser`"),
 ]
 
