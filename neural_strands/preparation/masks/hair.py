@@ -17,6 +17,7 @@ import torch
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.masks.colours import ColourHistogram, colour_cells
+from neural_strands.preparation.masks.finish import finish_mask
 from neural_strands.preparation.masks.random_walk import random_walk
 from neural_strands.preparation.masks.zones import ZonedHead, Zones, votes
 from neural_strands.preparation.photographs.folder import read_picture
@@ -38,11 +39,6 @@ FRONTAL = 0.7
 WISPS, WISP_WEIGHT = 0.012, 0.6
 """Metres about the person's outline in which hair may stick out of it, and how likely the person is there."""
 FEWEST_VOTES = 2
-LOOSE = 1.5
-"""Pixels by which masks reach over what was found, at the size they were computed at: hair left out is lost, a border
-of background is learned away (about 1 dB in the hair for 4 pixels)."""
-LARGE, SPECK = 0.25, 0.01
-"""Parts of a mask, against its largest: kept wherever they are, and never kept."""
 NO_OUTLINE = 0.06
 """Metres about the head that may be the person's where no outline is known."""
 
@@ -124,8 +120,14 @@ def find_hair(
         replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
         prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
     coverage = tuple(
-        _finished(guess, view.zones.prior, (camera.width, camera.height))
-        for guess, view, camera in zip(found, seen, cameras, strict=True)
+        finish_mask(
+            guess,
+            view.zones.prior,
+            view.zones.below_chin,
+            camera.footprint(_distance(camera, head)),
+            (full.width, full.height),
+        )
+        for guess, view, camera, full in zip(found, seen, small, cameras, strict=True)
     )
     return HairMasks(coverage, vote)
 
@@ -197,22 +199,3 @@ def _segment(
     of_background = (1.0 - view.person) * background(view.cells)
     evidence = of_hair / (of_hair + of_person + of_background + 1e-12)
     return random_walk(view.picture, evidence, STRENGTH)
-
-
-def _finished(coverage: np.ndarray, prior: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A mask a little loose, its border a pixel soft, in the picture's size.
-
-    Parts are kept that are large or where hair is likely: a beard, or a shadow on the neck, has the colour of hair.
-    """
-    solid = (coverage > 0.5).astype(np.uint8)
-    count, labels, facts, _ = cv2.connectedComponentsWithStats(solid)
-    if count > 1:
-        area = facts[:, cv2.CC_STAT_AREA]
-        likely = np.bincount(labels.ravel(), prior.ravel(), count) / np.maximum(area, 1)
-        kept = (area >= LARGE * area[1:].max()) | ((likely > 0.5) & (area >= SPECK * area[1:].max()))
-        kept[0] = False
-        solid = kept[labels].astype(np.uint8)
-    outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5)
-    soft = np.clip(LOOSE + 1.0 - outside, 0.0, 1.0) if solid.any() else np.zeros_like(coverage)
-    soft = cv2.resize(soft.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    return np.rint(soft * 255).astype(np.uint8)

@@ -36,6 +36,7 @@ class Zones:
         face: (height, width) the face below the brows: skin, but for eyes, mouth and beard.
         scalp: (height, width) the scalp.
         head: (height, width) the head above the chin.
+        below_chin: (height, width) what is lower than the chin, if it is as far away as the scalp.
         shown: (vertex,) the template's vertices that the view shows.
         pixel: (vertex, 2) column and row of each of these vertices, whole numbers.
     """
@@ -44,6 +45,7 @@ class Zones:
     face: np.ndarray
     scalp: np.ndarray
     head: np.ndarray
+    below_chin: np.ndarray
     shown: np.ndarray
     pixel: np.ndarray
 
@@ -108,6 +110,7 @@ class ZonedHead:
             (covered & on_face).numpy(),
             (covered & torch.isin(buffer.face, self.head.scalp_faces)).numpy(),
             (covered & (height > self.chin)).numpy(),
+            (height < self.chin).numpy(),
             shown.numpy(),
             torch.stack([column, row], dim=1).numpy(),
         )

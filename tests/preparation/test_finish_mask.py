@@ -1,0 +1,71 @@
+"""Which parts of what looks like hair become the mask."""
+
+import cv2
+import numpy as np
+import pytest
+
+from neural_strands.preparation.masks.finish import LOOSE, finish_mask
+
+FOOTPRINT = 0.001
+"""A millimetre a pixel, so that figures below are millimetres."""
+CHIN = 150
+
+
+def finished(parts: np.ndarray, likely: float = 0.3) -> np.ndarray:
+    below = np.arange(len(parts))[:, None] >= CHIN
+    prior = np.full(parts.shape, likely)
+    return finish_mask(parts.astype(np.float64), prior, below & np.ones_like(parts), FOOTPRINT, parts.shape[::-1])
+
+
+def drawn(*boxes: tuple[int, int, int, int]) -> np.ndarray:
+    """Boxes as top, bottom, left, right."""
+    parts = np.zeros((300, 240), dtype=bool)
+    for top, bottom, left, right in boxes:
+        parts[top:bottom, left:right] = True
+    return parts
+
+
+def test_hair_is_kept_and_its_border_loose():
+    parts = drawn((30, 140, 60, 180))
+    mask = finished(parts) / 255
+    away = cv2.distanceTransform((~parts).astype(np.uint8), cv2.DIST_L2, 5)
+    assert (mask[parts] == 1).all()
+    assert (mask[away > LOOSE + 1] == 0).all()
+    assert np.allclose(mask[85, 180:184], [1, 0.5, 0, 0], atol=0.01)
+
+
+def test_long_hair_goes_on_below_the_chin():
+    parts = drawn((30, 140, 60, 180), (100, 290, 60, 90), (100, 290, 150, 180))
+    assert (finished(parts)[parts] == 255).all()
+
+
+def test_a_collar_that_hangs_by_a_thin_shadow_is_dropped():
+    hair, bridge, collar = drawn((30, 140, 60, 180)), drawn((140, 200, 60, 70)), drawn((200, 206, 60, 180))
+    mask = finished(hair | bridge | collar) > 0
+    assert mask[hair].all()
+    assert not mask[collar].any()
+    # The bridge is hair above the chin, and as far below it as a wisp may reach.
+    assert mask[145:160, 62:68].all()
+    assert not mask[170:200].any()
+
+
+def test_thin_locks_above_the_chin_are_kept():
+    parts = drawn((30, 140, 60, 180), (80, 84, 180, 230))
+    assert (finished(parts)[parts] == 255).all()
+
+
+@pytest.mark.parametrize(("likely", "kept"), [(0.3, False), (0.8, True)])
+def test_a_small_part_of_its_own_stays_only_where_hair_is_likely(likely: float, kept: bool):
+    hair, part = drawn((30, 140, 60, 180)), drawn((40, 60, 200, 220))
+    assert bool((finished(hair | part, likely)[part] == 255).all()) == kept
+
+
+def test_a_small_part_below_the_chin_is_never_hair():
+    hair, part = drawn((30, 140, 60, 180)), drawn((200, 240, 200, 230))
+    mask = finished(hair | part, likely=0.9)
+    assert (mask[hair] == 255).all()
+    assert not mask[part].any()
+
+
+def test_no_hair_is_an_empty_mask():
+    assert not finished(drawn()).any()
