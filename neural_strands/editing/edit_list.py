@@ -79,8 +79,6 @@ def hair_motion(hair: Hair, edits: Sequence[Edit]) -> HairMotion | None:
 
 def kept_outside(strands: Strands, body: SignedDistanceGrid | None) -> Strands:
     """Strands of a new shape, led around the head where they would enter it."""
-    if body is None:
-        return strands
     rising = (RISE * arc_lengths(strands.points)).clamp(max=CLEARANCE)
     points = follow_outside(strands.points[:, 0], segments(strands.points), body, rising)
     return dataclasses.replace(strands, points=points)

@@ -94,8 +94,20 @@ class WindField:
     def at(self, places: Float[Tensor, "*batch 3"], seconds: float) -> Float[Tensor, "*batch 3"]:
         """The force over the weight, a vector along the wind but for swerves."""
         flat = places.reshape(-1, 3)
-        moment = flat.new_full((len(flat), 1), seconds)
-        gust = (1 + self.wind.gusts * self.gusts.at(flat, moment)).clamp(min=0.0)
-        swerve = SWERVE * self.wind.gusts * self.swerves.at(flat, moment)
-        towards = torch.nn.functional.normalize(self.direction + swerve * self.side, dim=1)
-        return (self.wind.strength * blowing(self.wind, seconds) * gust * towards).reshape(places.shape)
+        gust, swerve = self.gust_and_swerve(flat, flat.new_full((len(flat), 1), seconds))
+        return (self.force(seconds) * gust * self.towards(swerve)).reshape(places.shape)
+
+    def force(self, seconds: float) -> float:
+        """Force over weight at a moment, gusts aside."""
+        return self.wind.strength * blowing(self.wind, seconds)
+
+    def gust_and_swerve(
+        self, places: Float[Tensor, "place 3"], seconds: Float[Tensor, "place moment"]
+    ) -> tuple[Float[Tensor, "place moment"], Float[Tensor, "place moment"]]:
+        """Factor of the force, and the sideways force over the force along the wind, at places and moments."""
+        gust = (1 + self.wind.gusts * self.gusts.at(places, seconds)).clamp(min=0.0)
+        return gust, SWERVE * self.wind.gusts * self.swerves.at(places, seconds)
+
+    def towards(self, swerve: Float[Tensor, "place 1"]) -> Float[Tensor, "place 3"]:
+        """Unit directions of a wind that swerves."""
+        return torch.nn.functional.normalize(self.direction + swerve * self.side, dim=1)

@@ -17,9 +17,11 @@ LED_OUT = 1.0
 """Seconds of motion after which no point is inside the body."""
 
 
-def rest_clearance(points: Float[Tensor, "strand point 3"], body: SignedDistanceGrid) -> Float[Tensor, "strand point"]:
+def rest_clearance(
+    points: Float[Tensor, "strand point 3"], body: SignedDistanceGrid | None
+) -> Float[Tensor, "strand point"]:
     """Height above the body that every point may keep at rest: its own, which a fit may have left below 0."""
-    return body(points).clamp(max=CLEARANCE)
+    return points.new_zeros(points.shape[:2]) if body is None else body(points).clamp(max=CLEARANCE)
 
 
 def clearance_at(rest: Float[Tensor, "strand point"], seconds: float) -> Float[Tensor, "strand point"]:
@@ -36,7 +38,7 @@ def clearance_at(rest: Float[Tensor, "strand point"], seconds: float) -> Float[T
 def follow_outside(
     roots: Float[Tensor, "strand 3"],
     steps: Float[Tensor, "strand segment 3"],
-    body: SignedDistanceGrid,
+    body: SignedDistanceGrid | None,
     clearance: Float[Tensor, "strand point"],
 ) -> Float[Tensor, "strand point 3"]:
     """Points that follow `steps` from the roots, at least `clearance` above the body.
@@ -44,9 +46,11 @@ def follow_outside(
     Args:
         roots: world metres.
         steps: segments of the strands, one after the other.
-        body: signed distance to head and body.
+        body: signed distance to head and body; None where nothing is in the way.
         clearance: least height of each point, metres; the root's is not used.
     """
+    if body is None:
+        return torch.cat([roots[:, None], roots[:, None] + steps.cumsum(dim=1)], dim=1)
     points = torch.zeros(len(roots), steps.shape[1] + 1, 3, device=roots.device)
     points[:, 0] = roots
     inputs = [

@@ -49,8 +49,7 @@ class SimulatedHair:
         self.seconds_a_step = 1 / (wind.fps * math.ceil(STEPS_A_SECOND / wind.fps))
         guides = resample_polyline_lengths(points[self.followers.chosen], NODES)
         self.rods = Rods.at_rest(guides, RodConfig(), self.seconds_a_step)
-        self.guide_clearance = guides.new_zeros(guides.shape[:2]) if body is None else rest_clearance(guides, body)
-        self.clearance = None if body is None else rest_clearance(points, body)
+        self.guide_clearance, self.clearance = rest_clearance(guides, body), rest_clearance(points, body)
         self._state, self._steps = RodState.at_rest(self.rods), 0
 
     @torch.no_grad()
@@ -61,8 +60,6 @@ class SimulatedHair:
         """
         self._simulate(max(round(seconds / self.seconds_a_step), 0))
         steps = self.followers.turned(segment_turns(self._state, self.rods))
-        if self.body is None or self.clearance is None:
-            return torch.cat([self.roots[:, None], self.roots[:, None] + steps.cumsum(dim=1)], dim=1)
         return follow_outside(self.roots, steps, self.body, clearance_at(self.clearance, seconds))
 
     def guides_at(self, seconds: float) -> Float[Tensor, "guide node 3"]:

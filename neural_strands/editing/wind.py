@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.editing.gusts import SWERVE, Gusts, blowing, sideways
+from neural_strands.editing.gusts import WindField
 from neural_strands.editing.haircut import arc_lengths
 from neural_strands.editing.outside import clearance_at, follow_outside, rest_clearance
 from neural_strands.editing.settings import Wind
@@ -38,30 +38,23 @@ class BlownHair:
             body: what strands must not enter, if anything.
         """
         points = strands.points
-        random = torch.Generator().manual_seed(wind.seed)
         self.wind, self.body, self.roots = wind, body, points[:, 0]
-        self.direction = torch.nn.functional.normalize(points.new_tensor(wind.direction), dim=0)
-        self.gusts, self.swerves = (Gusts.drawn(self.direction, random) for _ in range(2))
+        self.field = WindField(wind, points.device)
         self.steps = segments(points)
         self.mean = torch.nn.functional.normalize(points[:, -1] - points[:, 0], dim=1)
         arc = arc_lengths(points)[:, :-1]
         self.give = 1 - torch.exp(-((arc / STIFF) ** 2))
         self.arc = arc
-        self.clearance = None if body is None else rest_clearance(points, body)
-        self.side = sideways(self.direction)
+        self.clearance = rest_clearance(points, body)
 
     @torch.no_grad()
     def at(self, seconds: float) -> Float[Tensor, "strand point 3"]:
         """Points at a moment, counted from when the wind begins to rise."""
-        force = self.wind.strength * blowing(self.wind, seconds)
         knots = torch.linspace(0, 1, KNOTS, device=self.roots.device)
         moments = seconds - self.arc[:, -1:] * knots / DOWN
-        gust = (1 + self.wind.gusts * self.gusts.at(self.roots, moments)).clamp(min=0.0)
-        swerve = SWERVE * self.wind.gusts * self.swerves.at(self.roots, moments).mean(dim=1)
-        towards = torch.nn.functional.normalize(self.direction + swerve[:, None] * self.side, dim=1)
-        steps = turned(self.steps, self.mean, towards, force * self._between_knots(gust) * self.give)
-        if self.body is None or self.clearance is None:
-            return torch.cat([self.roots[:, None], self.roots[:, None] + steps.cumsum(dim=1)], dim=1)
+        gust, swerve = self.field.gust_and_swerve(self.roots, moments)
+        force = self.field.force(seconds) * self._between_knots(gust) * self.give
+        steps = turned(self.steps, self.mean, self.field.towards(swerve.mean(dim=1, keepdim=True)), force)
         return follow_outside(self.roots, steps, self.body, clearance_at(self.clearance, seconds))
 
     def _between_knots(self, values: Float[Tensor, "strand knot"]) -> Float[Tensor, "strand segment"]:

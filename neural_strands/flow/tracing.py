@@ -20,7 +20,8 @@ LONGEST = 0.8
 MOST_KNOWN = 2000
 """Strands that lengths are expected from, evenly chosen where there are more."""
 NEARBY = 0.02
-"""Metres added to distances: strands nearer than this tell alike. Were it less, a strand would be told by itself."""
+"""Metres added to distances, so that strands nearer than this count about equally; otherwise the nearest one would
+decide alone."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ A fibre of 80 micrometres, 3.9 GPa and 1,300 kg per cubic metre has 0.05.
 DRAG = 6.0
 """Rate at which the air, and hair that rubs on hair, slow a strand, per second."""
 SHORTEST_SEGMENT = 1e-6
-"""Metres below which a segment counts as so long."""
+"""Least length of a segment, metres; shorter ones count as this long, so that nothing is divided by zero."""
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def _write_curves(archive: Any, top: Any, name: str, groom: Groom, guide: int, m
         sample = geometry.OCurvesSchemaSample(
             points, sizes, geometry.CurveType.kLinear, geometry.CurvePeriodicity.kNonPeriodic
         )
-        # Lines of no basis: Blender takes the default, Bezier's, for its word.
+        # Straight lines have no basis; the default is Bezier, and Blender would draw Bezier curves.
         sample.setBasis(geometry.BasisType.kNoBasis)
         if width is not None and frame == 0:
             sample.setWidths(geometry.OFloatGeomParamSample(width, scope.kVertexScope))
