@@ -19,7 +19,6 @@ from neural_strands.editing.edit_list import hair_motion
 from neural_strands.editing.settings import Blend, Density, Edit, Haircut, Restyle, Transfer, Wind
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.turntable import turntable_cameras
-from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.edited import EditedHair, open_hair
 
@@ -75,11 +74,11 @@ def camera_of(points: torch.Tensor, turn: float, size: int) -> Camera:
 def picture(fitted: EditedHair, wanted: list[Edit], moment: float, camera: Camera) -> torch.Tensor:
     """The hair after its edits."""
     edited = fitted.edited(wanted)
-    strands = edited.hair.strands
+    renderer = edited.renderer("pictures")
     motion = hair_motion(edited.hair, wanted)
     if motion is not None:
-        strands = dataclasses.replace(strands, points=motion.at(moment))
-    return HairRenderer.of(fitted.hair.modelled("pictures"), strands).render(camera).rgb
+        renderer = renderer.showing(dataclasses.replace(edited.hair.strands, points=motion.at(moment)))
+    return renderer.render(camera).rgb
 
 
 def smaller(image: torch.Tensor) -> torch.Tensor:

@@ -204,7 +204,7 @@ def render(model: HairModel, camera: Camera, strands: Strands | None = None) -> 
     Args:
         model: from `load_model`.
         camera: of a capture, from `turntable_cameras`, or your own.
-        strands: strands to show instead of the model's own, with `root_uv`.
+        strands: edited strands to show instead of the model's own, with `root_uv`; they are lit as they now lie.
 
     Returns:
         Images of the camera's size: `rgb` (sRGB, not clamped), `alpha` of the hair, and more.
@@ -219,7 +219,8 @@ def render(model: HairModel, camera: Camera, strands: Strands | None = None) -> 
         >>> tuple(picture.rgb.shape), tuple(picture.alpha.shape)
         ((64, 64, 3), (64, 64))
     """
-    return HairRenderer.of(model, strands).render(camera)
+    fitted = HairRenderer.of(model)
+    return (fitted if strands is None else fitted.showing(strands)).render(camera)
 
 
 def cut(

@@ -4,10 +4,10 @@
 
 A groom is path traced before and after a haircut, with the same cameras, lights and pigments. Appearance is fitted to
 the pictures of before, on the true strands, so that geometry plays no part. Then the true strands are cut and rendered:
-once with the density of the hair that is left, which is what an edit does, and once with that of the hair that was, as
-if light had not changed. Scores are those of the hair in the pictures of after, in which the fit had no share; bias is
-the mean of render minus truth there, in 8-bit levels. Prints one JSON object, and writes rows of pictures under --out:
-before, rendered and true; after, with the new volume, with the old one, and true.
+as an edit renders them, in the light that reaches them now; with the density of the hair that is left but in the light
+of before; and as if nothing about them had changed. Scores are those of the hair in the pictures of after, in which the
+fit had no share; bias is the mean of render minus truth there, in 8-bit levels. Prints one JSON object, and writes rows
+of pictures under --out: before, rendered and true; after, rendered in these three ways, and true.
 """
 
 import json
@@ -115,7 +115,11 @@ def compared(
     lpips, reason = find_lpips("squeeze", fetch=False)
     uncut = HairRenderer.of(model, strands)
     new = uncut.showing(after)
-    renderers = {"follows_the_cut": new, "ignores_the_cut": replace(new, volume=uncut.volume)}
+    renderers = {
+        "lit_anew": new,
+        "follows_the_cut": replace(new, light=None),
+        "ignores_the_cut": replace(new, light=None, volume=uncut.volume),
+    }
     rows: dict[str, list[list[float]]] = {name: [] for name in ("before", *renderers)}
     biases: dict[str, list[float]] = {name: [] for name in renderers}
     for view, true in zip(views, truth, strict=True):

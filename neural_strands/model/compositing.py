@@ -22,8 +22,6 @@ from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
 START = 0.2
 """Colour of everything before it is learned, linear: mid grey."""
-
-
 REACH = 6
 """Pixels around strands that the network may fill with hair."""
 
@@ -89,8 +87,16 @@ class Body(nn.Module):
         """The mesh itself."""
         return Mesh(self.vertices, self.faces, self.corner_uv)
 
-    def forward(self, camera: Camera, seen: TriangleBuffer | None = None) -> BodyImage:
-        """Draw the body; `seen` is the rasterised mesh, if it is already known."""
+    def forward(
+        self, camera: Camera, seen: TriangleBuffer | None = None, light: Float[Tensor, " vertex"] | None = None
+    ) -> BodyImage:
+        """Draw the body.
+
+        Args:
+            camera: the view.
+            seen: the rasterised mesh, if it is already known.
+            light: factors of the colours at the vertices.
+        """
         seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
         pixels = torch.nonzero(seen.face.view(-1) >= 0).squeeze(1)
         face, barycentric = seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels]
@@ -98,6 +104,8 @@ class Body(nn.Module):
             colour = interpolate(self.colour[self.faces], face, barycentric)
         else:
             colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
+        if light is not None:
+            colour = colour * interpolate(light[self.faces][..., None], face, barycentric)
         height, width = seen.face.shape
         image = colour.new_zeros(height * width, 3).index_copy(0, pixels, colour)
         coverage = (seen.face >= 0).to(colour.dtype)

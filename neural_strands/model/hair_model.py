@@ -30,6 +30,7 @@ from neural_strands.model.compositing import (
     weighted_gradient,
 )
 from neural_strands.model.hair_volume import HairVolume, hair_volume
+from neural_strands.model.light import LightChange
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
 from neural_strands.model.seen_directions import turn_to_seen
 from neural_strands.model.shading import PointShading, ShadingConfig
@@ -212,6 +213,7 @@ class HairModel(nn.Module):
         blur: float = 0.0,
         volume: HairVolume | None = None,
         teaches: SurroundWeights | None = None,
+        light: LightChange | None = None,
     ) -> RenderOutput:
         """Render strands from one view.
 
@@ -222,6 +224,7 @@ class HairModel(nn.Module):
             volume: `hair_volume` of the strands, if they are rendered more than once.
             teaches: which pixels pass gradients on to body and background; by default all pixels do to the body, and
                 those with almost no hair to the background.
+            light: how the light differs from that in which the appearance was fitted.
 
         Raises:
             ValueError: strands without `root_uv`.
@@ -229,8 +232,8 @@ class HairModel(nn.Module):
         factor = self.config.supersample
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
-        body = self.body(camera, drawing.body)
-        maps = self.splat_descriptors(strands, drawing.lines, camera, blur, volume)
+        body = self.body(camera, drawing.body, None if light is None else light.skin)
+        maps = self.splat_descriptors(strands, drawing.lines, camera, blur, volume, light)
         raw = self.generate(maps, camera)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
@@ -255,6 +258,7 @@ class HairModel(nn.Module):
         camera: Camera,
         blur: float = 0.0,
         volume: HairVolume | None = None,
+        light: LightChange | None = None,
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of visible points, one per level (paper, "Neural Hair Descriptor").
 
@@ -277,7 +281,11 @@ class HairModel(nn.Module):
             view, around = view @ turn.T, torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
         colour = self.shading(descriptor, view, around)
         pixels, _ = camera.project(visible.world)
-        descriptor = torch.cat([descriptor, to_linear(colour)], dim=1)
+        linear = to_linear(colour)
+        if light is not None:
+            along = (visible.vertex + visible.position) / (strands.points_per_strand - 1)
+            linear = linear * interpolate_knots(light.strands, replace(visible, t=along))
+        descriptor = torch.cat([descriptor, linear], dim=1)
         size = (camera.height, camera.width)
         return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
 

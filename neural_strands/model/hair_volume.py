@@ -51,6 +51,10 @@ class HairVolume:
         sampled = self.grid.sample(self.values, world, outside="border")
         return torch.cat([F.normalize(sampled[:, :3], dim=1), sampled[:, 3:]], dim=1)
 
+    def density(self) -> Float[Tensor, "x y z"]:
+        """Strands that cross a square metre, the least averaged of the densities."""
+        return 1e6 * (self.values[..., 3].exp() - FAINT).clamp(min=0.0)
+
 
 @torch.no_grad()
 def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:

@@ -1,6 +1,7 @@
 """The one way from a camera to pixels: a model, the strands that it shows, and the volume that shades them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 
@@ -8,6 +9,8 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel, RenderOutput
 from neural_strands.model.hair_volume import HairVolume, hair_volume
+from neural_strands.model.light import BakedLight, LightChange
+from neural_strands.model.thickness import strand_widths
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,8 @@ class HairRenderer:
         model: renders.
         strands: world metres, with `root_uv`.
         volume: density of these strands.
+        fitted: of edited hair, shows the hair on which the appearance was fitted.
+        light: of edited hair, how it is lit compared with that.
 
     Examples:
         >>> import neural_strands as ns
@@ -32,11 +37,13 @@ class HairRenderer:
     model: HairModel
     strands: Strands
     volume: HairVolume
+    fitted: "HairRenderer | None" = None
+    light: LightChange | None = None
 
     @classmethod
     @torch.no_grad()
     def of(cls, model: HairModel, strands: Strands | None = None) -> "HairRenderer":
-        """Show a model's own strands, or given ones, such as edited strands.
+        """Show a model's own strands, or those on which its appearance was fitted.
 
         Args:
             model: renders.
@@ -50,15 +57,26 @@ class HairRenderer:
             raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
         return cls(model, strands, hair_volume(strands.points))
 
+    @torch.no_grad()
     def showing(self, strands: Strands) -> "HairRenderer":
-        """The same model with other strands.
+        """The same model with edited strands, in the light that reaches them.
 
         Raises:
             ValueError: strands without `root_uv`.
         """
-        return HairRenderer.of(self.model, strands)
+        fitted = self.fitted or self
+        if strands.points is fitted.strands.points:
+            return fitted
+        edited = HairRenderer.of(self.model, strands)
+        return replace(edited, fitted=fitted, light=fitted._baked.changed(strands, edited.volume))
 
     @torch.no_grad()
     def render(self, camera: Camera) -> RenderOutput:
         """One view, of any size."""
-        return self.model.render(self.strands, camera, volume=self.volume)
+        return self.model.render(self.strands, camera, volume=self.volume, light=self.light)
+
+    @cached_property
+    def _baked(self) -> BakedLight:
+        """The light that reaches these strands."""
+        width = float(strand_widths(self.model, self.strands).mean())
+        return BakedLight.of(self.strands, self.volume, width, self.model.body.mesh)

@@ -29,6 +29,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import read_groom, write_groom
 from neural_strands.model.files import find_hair_model, load_hair_model
+from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.run_folder import LONGEST_PATH, RunFolder, place_now
 
 EDIT_NAME = "edit.json"
@@ -62,6 +63,17 @@ class EditedHair:
         together = (*self.edits, *edits)
         return replace(self, edits=together, hair=apply_edits(self.fitted, together))
 
+    def renderer(self, purpose: str) -> HairRenderer:
+        """Renders the edited hair, in the light that reaches it now.
+
+        Args:
+            purpose: what needs it, for the message.
+
+        Raises:
+            InputError: the hair is a groom alone.
+        """
+        return HairRenderer.of(self.fitted.modelled(purpose), self.fitted.strands).showing(self.hair.strands)
+
     def motion(self) -> HairMotion | None:
         """How the hair moves; None where no wind blows."""
         return hair_motion(self.hair, self.edits)
@@ -77,7 +89,7 @@ def open_hair(path: Path, device: torch.device | str = "cpu") -> EditedHair:
         return _open_edited(path, device)
     if path.is_dir():
         model = load_hair_model(find_hair_model(path), device).eval()
-        hair = _coloured(Hair.of(model), RunFolder(path).groom_arrays)
+        hair = marked(Hair.of(model), RunFolder(path).groom_arrays)
     else:
         hair = Hair(_strands(read_groom(path)).to(device))
     return EditedHair(path, hair, (), hair)
@@ -119,11 +131,17 @@ def _strands(groom: Groom) -> Strands:
     return groom.strands(POINTS if groom.uniform_size is None else None)
 
 
-def _coloured(hair: Hair, groom: Path) -> Hair:
-    """The hair of a run with the colours that its groom holds, where it has one of the same strands."""
+def marked(hair: Hair, groom: Path) -> Hair:
+    """The hair of a run with what its groom says of each strand: its colour, and how much of it no photograph saw.
+
+    Args:
+        hair: as the model decodes it.
+        groom: file of the run's groom; without one of as many strands, the hair stays as it is.
+    """
     if not groom.is_file():
         return hair
-    color = read_groom(groom).color
-    if color is None or len(color) != len(hair.strands):
+    said, strands = read_groom(groom), hair.strands
+    if len(said) != len(strands):
         return hair
-    return replace(hair, strands=replace(hair.strands, color=color.to(hair.strands.points.device)))
+    color, unseen = (None if part is None else part.to(strands.points) for part in (said.color, said.unseen))
+    return replace(hair, strands=replace(strands, color=color, unseen=unseen))

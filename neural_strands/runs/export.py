@@ -6,7 +6,6 @@ from typing import Annotated
 
 from neural_strands.editing.edit_list import HairMotion, hair_motion
 from neural_strands.editing.guides import choose_guides
-from neural_strands.editing.hair import Hair
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.resample import resample
 from neural_strands.geometry.strands import Strands
@@ -14,7 +13,6 @@ from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.motion import Motion
 from neural_strands.grooms.scenes.alembic import Blender
 from neural_strands.grooms.scenes.scene import WITH_MOTION, Scene, write_scene
-from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.strand_colours import cameras_around, strand_colours
 from neural_strands.runs.edited import EditedHair
 
@@ -35,7 +33,7 @@ def export_hair(edited: EditedHair, path: Path, config: ExportConfig, blender: B
     Raises:
         InputError: the suffix is unknown, Blender is needed and missing, or the file cannot be written.
     """
-    strands = coloured(edited.hair)
+    strands = coloured(edited)
     if config.points is not None and config.points != strands.points_per_strand:
         strands = resample(strands, config.points)
     motion = None
@@ -57,9 +55,10 @@ def groom_motion(blown: HairMotion | None) -> Motion | None:
     return Motion(wind.fps, wind.frames, lambda frame: blown.at(frame / wind.fps).reshape(-1, 3))
 
 
-def coloured(hair: Hair) -> Strands:
+def coloured(edited: EditedHair) -> Strands:
     """The strands with a colour each, from the model that renders them; those of a groom alone as they are."""
-    if hair.model is None:
-        return hair.strands
-    renderer = HairRenderer.of(hair.model, hair.strands)
-    return replace(hair.strands, color=strand_colours(renderer, cameras_around(renderer)))
+    strands = edited.hair.strands
+    if edited.hair.model is None:
+        return strands
+    renderer = edited.renderer("export")
+    return replace(strands, color=strand_colours(renderer, cameras_around(renderer)))

@@ -13,7 +13,7 @@ from neural_strands.geometry.strands import Strands, directions
 from neural_strands.pictures.encoding import to_bytes
 from neural_strands.pictures.lines import direction_colour
 
-Colouring = Literal["hair colour", "direction", "root"]
+Colouring = Literal["hair colour", "direction", "root", "seen or guessed"]
 COLOURINGS: tuple[Colouring, ...] = get_args(Colouring)
 MOST_LINES = 120_000
 """Straight pieces that a browser draws smoothly without a graphics card."""
@@ -21,6 +21,10 @@ POINTS = 20
 """Points of a strand as drawn, if it has more."""
 PLAIN = (0.45, 0.30, 0.18)
 """Colour of strands that have none of their own, sRGB."""
+SEEN, GUESSED = (0.25, 0.55, 0.85), (0.95, 0.45, 0.10)
+"""Colours of strands that photographs saw and of those that were guessed, sRGB."""
+MOSTLY = 0.5
+"""Share of a strand's points that no photograph could see, above which it counts as guessed."""
 
 
 def strand_lines(
@@ -29,7 +33,7 @@ def strand_lines(
     """Ends of the straight pieces of strands, and the colour of each end.
 
     Args:
-        strands: world metres; all of them, or every so manieth where there are too many.
+        strands: world metres; all of them, or evenly chosen ones where there are too many.
         colouring: what the colour says.
         most: pieces.
     """
@@ -65,9 +69,19 @@ def _colours(strands: Strands, drawn: Float[Tensor, "s p 3"], colouring: Colouri
         return direction_colour(directions(drawn))
     if colouring == "root":
         return _root_colours(strands)[:, None].expand_as(drawn)
+    if colouring == "seen or guessed":
+        return _seen_colours(strands)[:, None].expand_as(drawn)
     if strands.color is None:
         return drawn.new_tensor(PLAIN).expand_as(drawn)
     return to_srgb(strands.color)[:, None].expand_as(drawn)
+
+
+def _seen_colours(strands: Strands) -> Float[Tensor, "s 3"]:
+    """One colour for strands that photographs saw, another for those that lie mostly where none could see them."""
+    seen, guessed = strands.points.new_tensor(SEEN), strands.points.new_tensor(GUESSED)
+    if strands.unseen is None:
+        return seen.expand(len(strands), 3)
+    return torch.where((strands.unseen > MOSTLY)[:, None], guessed, seen)
 
 
 def _root_colours(strands: Strands) -> Float[Tensor, "s 3"]:

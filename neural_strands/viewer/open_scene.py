@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import read_head
@@ -16,7 +14,7 @@ from neural_strands.grooms.io import check_suffix, read_groom
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import CONFIG_NAME, load_hair_model
 from neural_strands.model.hair_model import HairModel
-from neural_strands.runs.edited import EDIT_NAME, POINTS, open_hair
+from neural_strands.runs.edited import EDIT_NAME, POINTS, marked, open_hair
 from neural_strands.runs.newest_model import StateFile, load_newest_model, newest_state
 from neural_strands.runs.run_folder import RunFolder, found_again, read_description
 from neural_strands.viewer.scene import Scene
@@ -124,15 +122,6 @@ def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene
 
 
 def _shown_model(base: Scene, model: HairModel) -> Scene:
-    """A scene with the hair of a model, and with the colours of its strands where the run's groom has them."""
-    hair = Hair.of(model.eval())
-    colour = _colours(RunFolder(base.path).groom_arrays, len(hair.strands))
-    if colour is not None:
-        hair = replace(hair, strands=replace(hair.strands, color=colour.to(hair.strands.points)))
+    """A scene with the hair of a model, and with what the run's groom says of its strands."""
+    hair = marked(Hair.of(model.eval()), RunFolder(base.path).groom_arrays)
     return replace(base.with_hair(hair), head=model.body.mesh.to("cpu"))
-
-
-def _colours(groom: Path, count: int) -> Float[Tensor, "strand 3"] | None:
-    """Colours of a groom's strands, if it is there and has as many strands."""
-    color = read_groom(groom).color if groom.is_file() else None
-    return color if color is not None and len(color) == count else None

@@ -23,6 +23,7 @@ class Scene:
         fitted: hair as it was fitted or read; None where there is none, as in a capture without true strands.
         edits: what has been done to it.
         hair: the hair after the edits.
+        unedited: renders the fitted hair of a model from any camera.
         renderer: renders the edited hair of a model from any camera.
         head: mesh of head and body.
         segments: line segments that the fit used.
@@ -35,6 +36,7 @@ class Scene:
     fitted: Hair | None = None
     edits: tuple[Edit, ...] = ()
     hair: Hair | None = None
+    unedited: HairRenderer | None = None
     renderer: HairRenderer | None = None
     head: Mesh | None = None
     segments: LineSegments | None = None
@@ -48,7 +50,8 @@ class Scene:
 
     def with_hair(self, fitted: Hair) -> "Scene":
         """The same scene with other hair, not edited."""
-        return replace(self, fitted=fitted).with_edits(())
+        unedited = None if fitted.model is None else HairRenderer.of(fitted.model, fitted.strands)
+        return replace(self, fitted=fitted, unedited=unedited).with_edits(())
 
     def with_edits(self, edits: tuple[Edit, ...]) -> "Scene":
         """The same scene with other edits of its hair.
@@ -63,5 +66,5 @@ class Scene:
             hair = apply_edits(self.hair, edits[-1:])
         else:
             hair = apply_edits(self.fitted, edits) if edits else self.fitted
-        renderer = None if hair.model is None else HairRenderer.of(hair.model, hair.strands)
+        renderer = None if self.unedited is None else self.unedited.showing(hair.strands)
         return replace(self, edits=edits, hair=hair, renderer=renderer)

@@ -24,7 +24,8 @@ def test_edited_strands_take_the_place_of_its_own():
     hair = model()
     first = HairRenderer.of(hair)
     edited = first.showing(stubble(hair))
-    assert torch.equal(edited.render(view()).rgb, hair.render(stubble(hair), view()).rgb)
+    assert edited.light is not None
+    assert torch.equal(edited.render(view()).rgb, hair.render(stubble(hair), view(), light=edited.light).rgb)
     assert not torch.equal(edited.render(view()).rgb, first.render(view()).rgb)
     assert torch.equal(first.render(view()).rgb, hair(view()).rgb)
 
@@ -34,7 +35,19 @@ def test_the_volume_is_that_of_the_strands_shown():
     hair = model()
     renderer = HairRenderer.of(hair)
     shaved = renderer.showing(renderer.strands.select(torch.arange(0, len(renderer.strands), 2)))
-    assert torch.equal(shaved.render(view()).rgb, hair.render(shaved.strands, view()).rgb)
+    assert shaved.light is not None
+    assert float(shaved.light.strands.min()) >= 1
+    assert torch.equal(shaved.render(view()).rgb, hair.render(shaved.strands, view(), light=shaved.light).rgb)
+    unlit = hair.render(shaved.strands, view())
+    assert float((shaved.render(view()).behind_rgb - unlit.behind_rgb).min()) >= 0
+
+
+def test_hair_that_was_not_edited_is_shown_as_it_was_fitted():
+    renderer = HairRenderer.of(model())
+    assert renderer.showing(renderer.strands) is renderer
+    edited = renderer.showing(renderer.strands.select(torch.arange(5)))
+    assert edited.showing(renderer.strands) is renderer
+    assert edited.fitted is renderer
 
 
 def test_strands_without_a_place_on_the_scalp_are_refused_at_once():

@@ -42,6 +42,15 @@ def test_the_direction_shows_as_its_components():
     np.testing.assert_array_equal(colours, np.broadcast_to([55, 255, 55], (1, 2, 3)))
 
 
+def test_strands_that_no_photograph_saw_have_a_colour_of_their_own():
+    given = Strands(torch.rand(4, 2, 3), unseen=torch.tensor([0.0, 0.4, 0.6, float("nan")]))
+    _, colours = strand_lines(given, "seen or guessed")
+    first = colours[:, 0].tolist()
+    assert first[0] == first[1] == first[3] != first[2]
+    _, plain = strand_lines(Strands(given.points), "seen or guessed")
+    assert plain[:, 0].tolist() == [first[0]] * 4
+
+
 def test_points_that_are_not_finite_are_left_out():
     given = strands(3, 4)
     given.points[1, 2] = float("nan")

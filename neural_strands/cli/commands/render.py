@@ -64,18 +64,16 @@ class Render:
         import torch
 
         from neural_strands.editing.edit_list import hair_motion
-        from neural_strands.model.renderer import HairRenderer
         from neural_strands.runs.edited import open_hair
 
         self._check()
         opened = open_hair(self.model, pick_device(self.device))
-        model = opened.hair.modelled("render")
         begin = time.perf_counter()
         with torch.inference_mode():
             strands = self._strands(opened)
             cameras = self._cameras(strands)
             motion = hair_motion(replace(opened.hair, strands=strands), opened.edits)
-            frames = _frames(HairRenderer.of(model, strands), cameras, motion)
+            frames = _frames(self._renderer(opened, strands), cameras, motion)
             count = len(cameras) if motion is None else motion.wind.frames
             with self._writer(cameras[0], self.fps if motion is None else motion.wind.fps) as write:
                 for name, output in track(frames, "rendering", total=count):
@@ -112,6 +110,15 @@ class Render:
         if opened.edits:
             return resample(opened.hair.strands, self.points)
         return opened.fitted.modelled("render").decode(self.points)
+
+    def _renderer(self, opened: "EditedHair", strands: "Strands") -> "HairRenderer":
+        """Shows the strands; those that were edited, in the light that reaches them now."""
+        from neural_strands.model.renderer import HairRenderer
+
+        model = opened.fitted.modelled("render")
+        if opened.edits:
+            return HairRenderer.of(model, opened.fitted.strands).showing(strands)
+        return HairRenderer.of(model, strands)
 
     def _cameras(self, strands: "Strands") -> "list[Camera]":
         from neural_strands.capture.transforms import read_transforms

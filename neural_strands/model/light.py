@@ -1,0 +1,220 @@
+"""Light that reaches hair and skin through the hair: how it changes when hair is edited.
+
+What a fit learns holds the shadows of the hair that was there. Edited hair lets other light through, so its linear
+colours are multiplied by the light that reaches a place now over the light that reached it then. Light comes evenly
+from all around. On its way a share of it is lost to every fibre that it crosses, as in the dual scattering of Zinke et
+al. 2008, and the head lets none through.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from scipy.spatial import KDTree
+from torch import Tensor
+
+from neural_strands.geometry.mesh import Mesh, vertex_normals
+from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.voxel_grid import VoxelGrid
+from neural_strands.model.hair_volume import HairVolume
+
+LOST = 0.3
+"""Share of the light that a fibre in its way takes out of it; most of the rest goes on."""
+AMBIENT = 0.03
+"""Light that reaches every place, as a share of what reaches one in the open."""
+MOST_ON_SKIN = 2.0
+"""Largest factor of the light on skin: of skin that hair hid altogether, the fit knows nothing."""
+KNOTS = 12
+"""Places along a strand at which light is computed."""
+ABOVE = 0.004
+"""Height above the skin at which the light on it is computed, metres."""
+
+
+@dataclass(frozen=True)
+class LightField:
+    """Share of the light from all around that reaches the nodes of a grid.
+
+    Attributes:
+        grid: of the hair's density.
+        values: from 0 to 1.
+    """
+
+    grid: VoxelGrid
+    values: Float[Tensor, "x y z 1"]
+
+    @classmethod
+    @torch.no_grad()
+    def through(cls, volume: HairVolume, width: float, body: Mesh) -> "LightField":
+        """Light that passes through hair and around the body.
+
+        Args:
+            volume: of the hair.
+            width: of the strands, metres.
+            body: head and body; may have no faces.
+        """
+        extinction = LOST * width * volume.density()
+        return cls(
+            volume.grid, transmitted(extinction, solid_voxels(volume.grid, body), volume.grid.spacing)[..., None]
+        )
+
+    def at(self, places: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
+        """Light at places, `AMBIENT` included; outside the grid that of the nearest node."""
+        sampled = self.grid.sample(self.values, places.reshape(-1, 3), outside="border")
+        return AMBIENT + (1 - AMBIENT) * sampled[:, 0].reshape(places.shape[:-1])
+
+
+def transmitted(
+    extinction: Float[Tensor, "x y z"], solid: Float[Tensor, "x y z"], spacing: float
+) -> Float[Tensor, "x y z"]:
+    """Mean over the directions of a cube's faces, edges and corners of the light that reaches each node.
+
+    Light is followed from node to node: what reaches a node is what reached the one before it, less what is lost on
+    the way.
+
+    Args:
+        extinction: share of the light that is lost per metre.
+        solid: 1 where no light passes, else 0.
+        spacing: of the nodes, metres.
+    """
+    total, weights = torch.zeros_like(extinction), 0.0
+    for axis, sign in itertools.product(range(3), (1, -1)):
+        turned = [values.movedim(axis, 0) for values in (extinction, solid)]
+        if sign < 0:
+            turned = [values.flip(0) for values in turned]
+        light, weights = _swept(*turned, spacing)
+        total += (light.flip(0) if sign < 0 else light).movedim(0, axis)
+    return total / (6 * weights)
+
+
+def _swept(
+    extinction: Float[Tensor, "x y z"], solid: Float[Tensor, "x y z"], spacing: float
+) -> tuple[Float[Tensor, "x y z"], float]:
+    """Weighted sum, and sum of the weights, of the light along nine directions that lead from low x to high x."""
+    shifts = list(itertools.product((-1, 0, 1), repeat=2))
+    lengths = extinction.new_tensor([(1 + y * y + z * z) ** 0.5 for y, z in shifts])
+    # The solid angle of a cube's face by the trapezoidal rule.
+    weight = lengths.pow(-3) * extinction.new_tensor([0.5 ** (abs(y) + abs(z)) for y, z in shifts])
+    half = [torch.exp(-0.5 * spacing * float(length) * extinction) for length in lengths.unique()]
+    kinds = [round(float(length) ** 2) - 1 for length in lengths]
+    depth, rows, columns = extinction.shape
+    light = extinction.new_ones(9, rows + 2, columns + 2)
+    sums = torch.zeros_like(extinction)
+    open_ = 1 - solid
+    for x in range(depth):
+        passed = torch.stack([half[kind][x] for kind in kinds])
+        here = torch.stack([light[k, 1 - y : 1 - y + rows, 1 - z : 1 - z + columns] for k, (y, z) in enumerate(shifts)])
+        here *= passed
+        sums[x] = torch.einsum("k,kyz->yz", weight, here)
+        light[:, 1:-1, 1:-1] = here * passed * open_[x]
+    return sums, float(weight.sum())
+
+
+def solid_voxels(grid: VoxelGrid, body: Mesh) -> Float[Tensor, "x y z"]:
+    """1 in the voxels that the surface of a body passes through, else 0."""
+    solid = torch.zeros(grid.count, device=body.vertices.device)
+    if len(body.faces):
+        corners = body.corners()
+        longest = float((corners - corners.roll(1, dims=1)).norm(dim=-1).amax())
+        steps = max(int(longest / grid.spacing) + 1, 1)
+        shares = [(i / steps, j / steps) for i in range(steps + 1) for j in range(steps + 1 - i)]
+        places = [(1 - a - b) * corners[:, 0] + a * corners[:, 1] + b * corners[:, 2] for a, b in shares]
+        index, inside = grid.index(torch.cat(places))
+        solid[index[inside]] = 1.0
+    return solid.view(grid.shape)
+
+
+@dataclass(frozen=True)
+class LightChange:
+    """Factors of linear colours.
+
+    Attributes:
+        strands: at knots evenly spaced along the points of every strand.
+        skin: at the vertices of the body.
+    """
+
+    strands: Float[Tensor, "strand knot 1"]
+    skin: Float[Tensor, " vertex"]
+
+
+@dataclass(frozen=True)
+class BakedLight:
+    """Light in which appearance was fitted.
+
+    Attributes:
+        uv: places of the fitted strands on the scalp chart.
+        strands: light at knots evenly spaced along t.
+        skin: light at the vertices of the body.
+        skin_places: where that is.
+        body: head and body.
+        width: of the strands, metres.
+    """
+
+    uv: Float[Tensor, "strand 2"]
+    strands: Float[Tensor, "strand knot"]
+    skin: Float[Tensor, " vertex"]
+    skin_places: Float[Tensor, "vertex 3"]
+    body: Mesh
+    width: float
+
+    @classmethod
+    @torch.no_grad()
+    def of(cls, strands: Strands, volume: HairVolume, width: float, body: Mesh) -> "BakedLight":
+        """Light that reaches strands as they were fitted, and the skin beneath.
+
+        Args:
+            strands: with `root_uv`.
+            volume: their density.
+            width: of the strands, metres.
+            body: head and body.
+
+        Raises:
+            ValueError: strands without `root_uv`.
+        """
+        if strands.root_uv is None:
+            raise ValueError("light needs root_uv: it says which strand appearance was learned on")
+        field = LightField.through(volume, width, body)
+        places = body.vertices + ABOVE * vertex_normals(body) if len(body.faces) else body.vertices
+        along = field.at(_at_knots(strands.points))
+        return cls(strands.root_uv, along, field.at(places), places, body, width)
+
+    @torch.no_grad()
+    def changed(self, strands: Strands, volume: HairVolume) -> LightChange:
+        """How edited strands and the skin beneath are lit, compared with how they were.
+
+        Args:
+            strands: with `root_uv`.
+            volume: their density.
+
+        Raises:
+            ValueError: strands without `root_uv`.
+        """
+        if strands.root_uv is None:
+            raise ValueError("light needs root_uv: it says which strand appearance was learned on")
+        field = LightField.through(volume, self.width, self.body)
+        along = _at_knots(strands.parameters()[..., None])[..., 0]
+        before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
+        factor = field.at(_at_knots(strands.points)) / before
+        return LightChange(factor[..., None], (field.at(self.skin_places) / self.skin).clamp(max=MOST_ON_SKIN))
+
+    def _fitted_on(self, uv: Float[Tensor, "strand 2"]) -> Int64[Tensor, " strand"]:
+        """The fitted strand that grows nearest on the chart."""
+        if uv.shape == self.uv.shape and torch.equal(uv, self.uv):
+            return torch.arange(len(uv), device=uv.device)
+        return torch.from_numpy(KDTree(self.uv.cpu().numpy()).query(uv.cpu().numpy())[1]).to(uv.device)
+
+
+def _at_knots(values: Float[Tensor, "strand point channel"]) -> Float[Tensor, "strand knot channel"]:
+    """Values at knots evenly spaced along the points."""
+    place = torch.linspace(0, values.shape[1] - 1, KNOTS, device=values.device)
+    before = place.long().clamp(max=values.shape[1] - 2)
+    return torch.lerp(values[:, before], values[:, before + 1], (place - before)[:, None])
+
+
+def _between(
+    values: Float[Tensor, "strand knot"], along: Float[Tensor, "strand place"]
+) -> Float[Tensor, "strand place"]:
+    """Values at places along the strands, from 0 to 1, of those at knots."""
+    place = along * (values.shape[1] - 1)
+    before = place.long().clamp(0, values.shape[1] - 2)
+    return torch.lerp(values.gather(1, before), values.gather(1, before + 1), place - before)

@@ -1,0 +1,106 @@
+"""Light through hair: against a walk from node to node, and what an edit does to it."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.strands import Strands
+from neural_strands.geometry.voxel_grid import VoxelGrid
+from neural_strands.model.hair_volume import hair_volume
+from neural_strands.model.light import AMBIENT, MOST_ON_SKIN, BakedLight, LightField, solid_voxels, transmitted
+
+NO_BODY = Mesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64))
+WIDTH = 1e-3
+
+
+def walked(extinction, solid, spacing, node):
+    """The mean over directions, one node after the other."""
+    total, weights = 0.0, 0.0
+    shape = extinction.shape
+    for axis, sign, y, z in itertools.product(range(3), (1, -1), (-1, 0, 1), (-1, 0, 1)):
+        step = [y, z]
+        step.insert(axis, sign)
+        length = math.sqrt(1 + y * y + z * z)
+        weight = 0.5 ** (abs(y) + abs(z)) / length**3
+        here, light = list(node), math.exp(-0.5 * spacing * length * float(extinction[tuple(node)]))
+        while True:
+            here = [place - way for place, way in zip(here, step, strict=True)]
+            if not all(0 <= place < size for place, size in zip(here, shape, strict=True)):
+                break
+            light *= 0.0 if solid[tuple(here)] else math.exp(-spacing * length * float(extinction[tuple(here)]))
+        total, weights = total + weight * light, weights + weight
+    return total / weights
+
+
+def ball(count=400, radius=0.03, seed=0):
+    """Strands that stand on a ball, and places on a chart."""
+    random = torch.Generator().manual_seed(seed)
+    out = torch.nn.functional.normalize(torch.randn(count, 3, generator=random), dim=1)
+    along = torch.linspace(1.0, 2.0, 25)
+    points = radius * out[:, None] * along[:, None]
+    return Strands(points, root_uv=torch.rand(count, 2, generator=random))
+
+
+def baked(strands, body=NO_BODY):
+    return BakedLight.of(strands, hair_volume(strands.points), WIDTH, body)
+
+
+def test_light_is_what_a_walk_through_the_grid_finds():
+    random = torch.Generator().manual_seed(0)
+    extinction = 200 * torch.rand(4, 5, 3, generator=random)
+    solid = (torch.rand(4, 5, 3, generator=random) < 0.2).float()
+    found = transmitted(extinction, solid, 0.005)
+    for node in itertools.product(range(4), range(5), range(3)):
+        assert float(found[node]) == pytest.approx(walked(extinction, solid, 0.005, node), abs=1e-5)
+
+
+def test_all_light_reaches_a_place_without_hair():
+    assert torch.equal(transmitted(torch.zeros(3, 4, 5), torch.zeros(3, 4, 5), 0.01), torch.ones(3, 4, 5))
+
+
+def test_the_middle_of_a_ball_of_hair_is_darker_than_its_rim():
+    strands = ball()
+    field = LightField.through(hair_volume(strands.points), WIDTH, NO_BODY)
+    middle, rim, away = field.at(torch.tensor([[0.0, 0.0, 0.0], [0.06, 0.0, 0.0], [0.3, 0.0, 0.0]])).tolist()
+    assert AMBIENT < middle < rim < away
+    assert away > 0.98
+
+
+def test_a_triangle_larger_than_voxels_blocks_all_that_it_crosses():
+    grid = VoxelGrid.filling((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), 0.01)
+    wall = Mesh(torch.tensor([[-0.5, -0.5, 0.055], [1.0, -0.5, 0.055], [-0.5, 1.0, 0.055]]), torch.tensor([[0, 1, 2]]))
+    solid = solid_voxels(grid, wall)
+    assert bool((solid[:4, :4, 5] == 1).all())
+    assert float(solid[:, :, :5].sum()) == float(solid[:, :, 6:].sum()) == 0
+
+
+def test_hair_that_stays_is_lit_as_it_was():
+    strands = ball()
+    same = baked(strands).changed(replace(strands, points=strands.points.clone()), hair_volume(strands.points))
+    assert torch.allclose(same.strands, torch.ones(400, 12, 1), atol=1e-5)
+
+
+def test_hair_that_is_thinned_or_cut_and_the_skin_beneath_are_lit_more():
+    corners = torch.tensor([[0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03]])
+    strands = ball()
+    light = baked(strands, Mesh(corners, torch.tensor([[0, 1, 2]])))
+    thin = strands.select(torch.arange(100))
+    found = light.changed(thin, hair_volume(thin.points))
+    assert float(found.strands.min()) > 1.0
+    assert bool(((found.skin > 1.0) & (found.skin <= MOST_ON_SKIN)).all())
+    # Half of every strand is left: t says which half appearance was learned on.
+    half = replace(strands, points=strands.points[:, :13], t=strands.parameters()[:, :13])
+    cut = light.changed(half, hair_volume(half.points))
+    assert float(cut.strands.min()) > 1.0
+
+
+def test_light_needs_to_know_which_strand_is_which():
+    strands = ball(10)
+    with pytest.raises(ValueError, match="root_uv"):
+        baked(replace(strands, root_uv=None))
+    with pytest.raises(ValueError, match="root_uv"):
+        baked(strands).changed(replace(strands, root_uv=None), hair_volume(strands.points))
