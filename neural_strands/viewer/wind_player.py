@@ -1,6 +1,7 @@
 """Hair that blows on the page, as fast as the machine computes it."""
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -9,7 +10,6 @@ from dataclasses import dataclass, replace
 import torch
 
 from neural_strands.editing.edit_list import HairMotion, hair_motion
-from neural_strands.editing.settings import Wind
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.renderer import HairRenderer
@@ -22,6 +22,8 @@ POINTS = 34
 """Points of a strand while it moves, if it has more."""
 SECONDS_A_MOMENT = 0.1
 """Least time between two moments: no more are computed than are drawn."""
+SIMULATED_STEP = 1 / 24
+"""Most time that a simulation goes on from one moment to the next, seconds."""
 
 
 class WindPlayer:
@@ -35,8 +37,8 @@ class WindPlayer:
             ended: called when the hair comes to rest, however that comes about.
         """
         self._page, self._ended = page, ended
-        self._stopped = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._lock = threading.RLock()
+        self._run: _Run | None = None
 
     def play(self) -> None:
         """Let the wind blow that is among the page's edits; one that blows already goes on with what has changed.
@@ -44,37 +46,60 @@ class WindPlayer:
         Raises:
             InputError: the hair has no model, or no wind is among its edits.
         """
-        Blowing.of(self._page.scene)
-        if self._thread is not None and self._thread.is_alive() and not self._stopped.is_set():
-            return
+        with self._lock:
+            if self._run is not None and not self._run.stopped.is_set():
+                return
         self.stop()
-        self._stopped.clear()
-        self._thread = threading.Thread(target=self._run, name="viewer-wind", daemon=True)
-        self._thread.start()
+        blowing = Blowing.of(self._page.scene)
+        # Whatever takes long the first time is done while the page says so.
+        blowing.motion.at(0.0)
+        with self._lock:
+            if self._run is None:
+                self._run = _Run()
+                self._run.thread = threading.Thread(
+                    target=self._play, args=(self._run, blowing), name="viewer-wind", daemon=True
+                )
+                self._run.thread.start()
 
     def stop(self) -> None:
         """Show the hair at rest again."""
-        self._stopped.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join()
-            self._thread = None
+        with self._lock:
+            run = self._run
+        if run is not None:
+            run.stopped.set()
+            if run.thread is not threading.current_thread():
+                run.thread.join()
 
-    def _run(self) -> None:
-        began = time.monotonic()
-        blowing = None
+    def _play(self, run: "_Run", blowing: "Blowing") -> None:
+        began, seconds = time.monotonic(), 0.0
         try:
-            while not self._stopped.is_set():
+            while not run.stopped.is_set():
                 begin = time.monotonic()
-                if blowing is None or blowing.scene is not self._page.scene:
+                if blowing.scene is not self._page.scene:
                     blowing = Blowing.of(self._page.scene)
-                self._page.show_moment(blowing.at(begin - began))
-                self._stopped.wait(max(SECONDS_A_MOMENT - (time.monotonic() - begin), 0.0))
+                seconds = min(begin - began, seconds + blowing.longest_step)
+                self._page.show_moment(blowing.at(seconds))
+                run.stopped.wait(max(SECONDS_A_MOMENT - (time.monotonic() - begin), 0.0))
         except InputError as error:
             # The wind has been undone.
             log.info("%s", error)
         finally:
-            self._page.show_moment(None)
-            self._ended()
+            # Whoever plays anew meanwhile waits until this is over.
+            with self._lock:
+                self._run = None
+                try:
+                    self._page.show_moment(None)
+                finally:
+                    self._ended()
+
+
+class _Run:
+    """One time that the wind blows: its thread, and whether it is to end."""
+
+    thread: threading.Thread
+
+    def __init__(self) -> None:
+        self.stopped = threading.Event()
 
 
 @dataclass(frozen=True)
@@ -103,12 +128,15 @@ class Blowing:
         if scene.renderer is None or scene.hair is None:
             raise InputError("Wind: expected hair with a model that renders it, found none; open a run.")
         thin = thinned(scene.hair.strands)
-        # A simulation would not keep up.
-        quick = [replace(edit, simulate=False) if isinstance(edit, Wind) else edit for edit in scene.edits]
-        motion = hair_motion(replace(scene.hair, strands=thin), quick)
+        motion = hair_motion(replace(scene.hair, strands=thin), scene.edits)
         if motion is None:
             raise InputError("Wind: expected wind among the edits, found none; add it first.")
         return cls(scene, scene.renderer, thin, motion)
+
+    @property
+    def longest_step(self) -> float:
+        """Longest time between two moments, seconds: a simulation that cannot keep up plays in slow motion."""
+        return SIMULATED_STEP if self.motion.wind.simulate else math.inf
 
     def at(self, seconds: float) -> HairRenderer:
         """The hair as it lies so many seconds after the wind has begun to rise."""

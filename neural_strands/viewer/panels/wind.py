@@ -1,5 +1,6 @@
 """The controls of wind."""
 
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -32,20 +33,34 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
     direction = gui.add_dropdown("Direction", tuple(DIRECTIONS))
     strength = gui.add_slider("Strength", min=0.0, max=5.0, step=0.1, initial_value=1.0)
     gusts = gui.add_slider("Gusts", min=0.0, max=1.0, step=0.05, initial_value=0.5)
+    simulate = gui.add_checkbox(
+        "Simulate", initial_value=False, hint="Strands as elastic rods: they swing and slide; in slow motion if need be"
+    )
     play = gui.add_checkbox("Blow", initial_value=False, hint="Adds the wind to the edits and shows it")
+    changing = threading.Lock()
 
     def blow(event: "viser.GuiEvent") -> None:
-        if not play.value:
-            player.stop()
+        # What the page itself has set needs no answer. Of many changes at once, each takes the newest settings.
+        if event.client is None:
             return
-        wanted = Wind(direction=DIRECTIONS[direction.value], strength=strength.value, gusts=gusts.value)
-        if wanted not in page.scene.edits:
-            do(event, "Adding wind", lambda: wanted)
-        blowing = False
-        with told(event.client, "Starting the wind"):
-            player.play()
-            blowing = True
-        play.value = blowing
+        with changing:
+            if not play.value:
+                player.stop()
+                return
+            wanted = Wind(
+                direction=DIRECTIONS[direction.value],
+                strength=strength.value,
+                gusts=gusts.value,
+                simulate=simulate.value,
+            )
+            if wanted not in page.scene.edits:
+                do(event, "Adding wind", lambda: wanted)
+            blows = False
+            with told(event.client, "Starting the wind"):
+                player.play()
+                blows = True
+            if not blows:
+                play.value = False
 
     def change(event: "viser.GuiEvent") -> None:
         if play.value:
@@ -56,5 +71,5 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
 
     player = WindPlayer(page, ended)
     play.on_update(blow)
-    for control in (direction, strength, gusts):
+    for control in (direction, strength, gusts, simulate):
         control.on_update(change)
