@@ -1,5 +1,6 @@
 """Shapes of two runs: mixed, or one run's shape on the other's head."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,16 +10,18 @@ from torch import Tensor
 
 from neural_strands.editing.hair import ScalpShape
 from neural_strands.editing.region import checked_weight, region_weight
-from neural_strands.editing.restyle import texel_centres
+from neural_strands.editing.restyle import BLOCK, texel_centres
 from neural_strands.editing.settings import Blend, Dabs, Transfer
 from neural_strands.foundation.errors import InputError
 from neural_strands.model.files import find_hair_model, load_hair_model
 from neural_strands.model.hair_model import HairModel
+from neural_strands.prior.generator import Raw, StrandGenerator
+from neural_strands.prior.modulator import CouplingModulator
 from neural_strands.raster.texture import sample_texture
 
 
 def blend(settings: Blend, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """The texture between this one and another run's.
+    """The shape between this one and another run's.
 
     Raises:
         InputError: the other run cannot be read or has another strand prior, or the painted region holds no root.
@@ -45,8 +48,49 @@ def _mixed(shape: ScalpShape, model: HairModel, path: str, share: float, region:
     uv = texel_centres(rows, columns).to(shape.texture)
     theirs: Float[Tensor, "texel latent"] = sample_texture(other.textures.shape, uv)
     weight = share * region_weight(uv, region)
-    mixed = torch.lerp(shape.texture.reshape(-1, channels), theirs, weight[:, None])
+    parts = zip(*(each.split(BLOCK) for each in (shape.texture.reshape(-1, channels), theirs, weight)), strict=True)
+    mixed = torch.cat([between(model.generator, *part) for part in parts])
     return replace(shape, texture=mixed.reshape(shape.texture.shape))
+
+
+def between(
+    generator: StrandGenerator,
+    ours: Float[Tensor, "strand latent"],
+    theirs: Float[Tensor, "strand latent"],
+    share: Float[Tensor, " strand"],
+) -> Float[Tensor, "strand latent"]:
+    """Latents of strands between two others, whose headings turn about the scalp's normal from one to the other.
+
+    Halfway between latents of strands that head in opposite directions lies one that stands off the scalp. So both are
+    first turned about the normal to head the same way, then mixed, then turned to a heading in between: the shorter way
+    round. A generator that has no inverse mixes latents, as the paper does.
+
+    Args:
+        generator: decodes both.
+        ours: latents at share 0.
+        theirs: latents at share 1.
+        share: from 0 to 1; at both ends the latents themselves are returned.
+    """
+    inner = (share > 0) & (share < 1)
+    if not isinstance(generator.modulator, CouplingModulator) or not inner.any():
+        return torch.lerp(ours, theirs, share[:, None])
+    first, second = generator.raw(ours), generator.raw(theirs)
+    start, end = (torch.atan2(raw.smooth[:, 1, 0], raw.smooth[:, 0, 0]) for raw in (first, second))
+    way = torch.remainder(end - start + math.pi, 2 * math.pi) - math.pi
+    aligned = torch.lerp(first.flat(), turned(second, start - end).flat(), share[:, None])
+    mixed, _ = generator.latent(turned(generator.split(aligned), share * way).flat())
+    return torch.where(inner[:, None], mixed, torch.where(share[:, None] > 0, theirs, ours))
+
+
+def turned(raw: Raw, angle: Float[Tensor, " strand"]) -> Raw:
+    """Strands turned about the scalp's normal by an angle, radians."""
+    cosine, sine = angle.cos()[:, None], angle.sin()[:, None]
+
+    def about_normal(values: Float[Tensor, "strand 3 weight"]) -> Float[Tensor, "strand 3 weight"]:
+        east, north, up = values.unbind(dim=1)
+        return torch.stack([cosine * east - sine * north, sine * east + cosine * north, up], dim=1)
+
+    return replace(raw, unit=about_normal(raw.unit), smooth=about_normal(raw.smooth))
 
 
 def _check_same_generator(model: HairModel, other: HairModel, path: str, edit: str) -> None:

@@ -17,7 +17,10 @@ COARSE = 12
 
 @torch.no_grad()
 def sample_style(sample: Sample, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """One draw of the prior for the whole scalp, with smooth variation around it.
+    """One draw of the prior for the whole scalp, with smooth variation around it, mixed with the hairstyle there is.
+
+    The prior knows single strands: what makes a hairstyle of them, such as where hair parts, comes from the run. In the
+    prior's own space fitted strands and drawn ones both have unit deviation, and so has what lies between them.
 
     Latents of a fit are the output of the prior's modulator (`StrandPrior.without_modulator`), in which samples of
     N(0, I) look less like hair; so latents are drawn before the modulator, and pass through it.
@@ -36,7 +39,12 @@ def sample_style(sample: Sample, shape: ScalpShape, model: HairModel) -> ScalpSh
     common = torch.randn(size, 1, 1, generator=random) / (1 + sample.variety**2) ** 0.5
     field = torch.randn(1, size, COARSE, COARSE, generator=random) * sample.variety / (1 + sample.variety**2) ** 0.5
     smooth = functional.interpolate(field, size=(rows, columns), mode="bicubic", align_corners=True)[0]
-    latent = (common + smooth).permute(1, 2, 0).reshape(-1, size).to(shape.texture)
-    if not len(model.generator.modulator.state_dict()):
+    drawn = (common + smooth).permute(1, 2, 0).reshape(-1, size).to(shape.texture)
+    without = not len(model.generator.modulator.state_dict())
+    fitted = shape.texture.reshape(-1, size)
+    if without:
+        fitted, _ = prior.generator.modulator.inverse(fitted)
+    latent = sample.likeness * fitted + (1 - sample.likeness**2) ** 0.5 * drawn
+    if without:
         latent = prior.generator.modulator(latent)
     return replace(shape, texture=latent.reshape(shape.texture.shape))

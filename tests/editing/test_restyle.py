@@ -1,10 +1,14 @@
 """Restyling of a texture, measured on the strands that come out."""
 
+import math
+from dataclasses import replace
+
 import pytest
 import torch
 from tiny_hair import tiny_hair_model
 
 from neural_strands.editing.hair import ScalpShape
+from neural_strands.editing.mix import between as in_between
 from neural_strands.editing.mix import blend, transfer
 from neural_strands.editing.restyle import restyle
 from neural_strands.editing.sample import sample_style
@@ -79,8 +83,11 @@ def test_blend_and_transfer(model, tmp_path):
     other = tiny_hair_model(points=100, seed=1)
     save_hair_model(other, tmp_path / "run" / "model")
     shape, path = ScalpShape.of(model), str(tmp_path / "run")
-    half = blend(Blend(path, 0.5), shape, model).texture
-    assert torch.allclose(half, 0.5 * (shape.texture + other.textures.shape), atol=1e-5)
+    # Where both hairstyles are the same strand, every share is that strand.
+    same = replace(shape, texture=other.textures.shape.detach())
+    half = blend(Blend(path, 0.5), same, model).decode(model).points
+    assert torch.allclose(half, same.decode(model).points, atol=1e-4)
+    assert torch.allclose(blend(Blend(path, 1.0), shape, model).texture, other.textures.shape, atol=1e-5)
     assert torch.allclose(transfer(Transfer(path), shape, model).texture, other.textures.shape, atol=1e-5)
     assert torch.equal(blend(Blend(path, 0.0), shape, model).texture, shape.texture)
     with torch.no_grad():
@@ -92,12 +99,31 @@ def test_blend_and_transfer(model, tmp_path):
         transfer(Transfer(str(tmp_path / "absent")), shape, model)
 
 
+@pytest.mark.parametrize(
+    ("heading", "share", "expected"), [(180, 0.5, (90, -90)), (90, 0.5, (45,)), (-120, 0.25, (-30,))]
+)
+def test_strands_in_between_turn_about_the_normal_and_lean_as_before(model, heading, share, expected):
+    """Two strands of 20 cm that lean by 60 degrees, one along the tangent: neither stands up, and none is shorter."""
+    line = torch.linspace(0, 0.2, 100)[:, None]
+    angle = torch.tensor(math.radians(heading))
+    ways = torch.tensor([[0.866, 0.0, 0.5], [0.866 * float(angle.cos()), 0.866 * float(angle.sin()), 0.5]])
+    ours, theirs = load_prior().without_modulator().encode(line * ways[:, None]).split(1)
+    between = in_between(model.generator, ours, theirs, torch.tensor([share]))
+    tip = model.generator(between, 50)[0, -1]
+    assert float(tip.norm()) == pytest.approx(0.2, abs=0.005)
+    assert float(tip[2]) == pytest.approx(0.1, abs=0.01)
+    found = math.degrees(math.atan2(float(tip[1]), float(tip[0])))
+    assert min(abs(found - each) for each in expected) < 4
+
+
 def test_samples_are_seeded_and_vary_as_told(model):
     shape = ScalpShape.of(model)
     first, second, other = (sample_style(Sample(seed=seed), shape, model).texture for seed in (0, 0, 1))
     assert torch.equal(first, second)
     assert not torch.equal(first, other)
-    even = sample_style(Sample(variety=0.0), shape, model).decode(model).points
+    same = sample_style(Sample(likeness=1.0), shape, model).decode(model).points
+    assert torch.allclose(same, shape.decode(model).points, atol=1e-4)
+    even = sample_style(Sample(likeness=0.0, variety=0.0), shape, model).decode(model).points
     assert torch.allclose(lengths(even), lengths(even).mean(), rtol=1e-3)
-    varied = sample_style(Sample(variety=1.0), shape, model).decode(model).points
+    varied = sample_style(Sample(likeness=0.0, variety=1.0), shape, model).decode(model).points
     assert lengths(varied).std() > 1e-3

@@ -11,6 +11,7 @@ from neural_strands.viewer.history import History
 from neural_strands.viewer.notices import told
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.panels.haircut import HaircutPanel
+from neural_strands.viewer.panels.mix import add_mix_panel, add_sample_panel
 from neural_strands.viewer.panels.region import RegionBrush
 from neural_strands.viewer.panels.restyle import add_restyle_panel
 from neural_strands.viewer.panels.wind import add_wind_panel
@@ -55,6 +56,10 @@ class EditPanel:
                 add_restyle_panel(page, region, self._do)
             with gui.add_folder("Number of strands", expand_by_default=False):
                 self._add_density(len(fitted.strands))
+            with gui.add_folder("Another run", expand_by_default=False):
+                add_mix_panel(page, region, self._do)
+            with gui.add_folder("New hairstyle", expand_by_default=False):
+                add_sample_panel(page, self._do)
             with gui.add_folder("Wind", expand_by_default=False):
                 add_wind_panel(page, self._do)
         self.describe()
@@ -94,8 +99,8 @@ def described(edit: Edit) -> str:
     painted = "region" in document
     for hidden in ("seed", "region"):
         document.pop(hidden, None)
-    told = [f"{key} {_short(value)}".strip() for key, value in document.items() if value != usual[key]]
-    return name + (": " if told else "") + ", ".join(told) + (" in the painted region" if painted else "")
+    settings = [f"{key} {_short(value)}".strip() for key, value in document.items() if value != usual[key]]
+    return name + (": " if settings else "") + ", ".join(settings) + (" in the painted region" if painted else "")
 
 
 def _short(value: object) -> str:
