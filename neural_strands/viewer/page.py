@@ -15,7 +15,7 @@ from neural_strands.viewer.cameras import PageCamera, Pose, photograph_pose, sta
 from neural_strands.viewer.frames import Pixels, rendered, seen_by, wiped
 from neural_strands.viewer.history import History
 from neural_strands.viewer.line_colours import Colouring
-from neural_strands.viewer.render_loop import RenderLoop
+from neural_strands.viewer.render_loop import FINER, RenderLoop
 from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -87,8 +87,14 @@ class Page:
         history: edits of the hair, done and undone.
     """
 
-    def __init__(self, server: "viser.ViserServer", scene: Scene) -> None:
-        """Show a scene to every browser that comes."""
+    def __init__(self, server: "viser.ViserServer", scene: Scene, finer: tuple[int, ...] = FINER) -> None:
+        """Show a scene to every browser that comes.
+
+        Args:
+            server: viser's.
+            scene: to begin with.
+            finer: sizes of the pictures once the camera rests (`RenderLoop`).
+        """
         self.server = server
         self.scene = scene
         self.look = Look()
@@ -97,7 +103,7 @@ class Page:
         self._editing = threading.Lock()
         self._standing: dict[int, Standing] = {}
         self._lock = threading.Lock()
-        self._loop = RenderLoop(self._draw)
+        self._loop = RenderLoop(self._draw, finer)
         server.scene.set_up_direction("+y")
         server.on_client_connect(self._welcome)
         server.on_client_disconnect(self._part)

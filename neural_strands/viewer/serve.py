@@ -14,6 +14,7 @@ from neural_strands.viewer.notices import complain
 from neural_strands.viewer.open_scene import kind_of, open_capture, open_edited, open_groom, open_model, open_run
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.panels.tabs import Tabs
+from neural_strands.viewer.render_loop import FINER
 from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -28,8 +29,16 @@ POLL_SECONDS = 2.0
 class ServedPage:
     """A page and the path that it shows."""
 
-    def __init__(self, server: "viser.ViserServer", path: Path, device: torch.device) -> None:
+    def __init__(
+        self, server: "viser.ViserServer", path: Path, device: torch.device, finer: tuple[int, ...] = FINER
+    ) -> None:
         """Open a path and show it.
+
+        Args:
+            server: viser's.
+            path: a run, a model, edited hair, a groom or a capture.
+            device: where to render.
+            finer: sizes of the pictures once the camera rests (`RenderLoop`).
 
         Raises:
             InputError: there is nothing at the path that can be shown, or it is damaged.
@@ -37,7 +46,7 @@ class ServedPage:
         self._path, self._device = path, device
         self._kind = kind_of(path)
         self._state = newest_state(RunFolder(path)) if self._kind == "run" else None
-        self.page = Page(server, self._open(self._state))
+        self.page = Page(server, self._open(self._state), finer)
         self._tabs = Tabs(self.page)
 
     def close(self) -> None:

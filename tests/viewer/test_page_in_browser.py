@@ -18,7 +18,6 @@ from neural_strands.grooms.io import read_groom
 from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.viewer.beside import page_beside
 from neural_strands.viewer.page import FrameRequest, picture_of
-from neural_strands.viewer.render_loop import FINER
 from neural_strands.viewer.serve import ServedPage
 from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
@@ -28,6 +27,8 @@ pytestmark = [
     pytest.mark.skipif(REQUIRED not in os.environ, reason="the page in a browser: run `make browser`"),
 ]
 
+PIXELS = 256
+"""Longer side of the finest pictures: small, because the machine may be busy."""
 SMALL = (90, 60)
 """Width and height at which pictures are compared, so that neither JPEG nor the size that was drawn counts."""
 ALIKE = 0.3
@@ -55,7 +56,7 @@ class Watched:
         client = self.served.page.server.get_clients()[self.browser]
         request = self.served.page.request_of(client)
         if request != self.last_request:
-            self.last_request, self.last_picture = request, picture_of(request, FINER[-1])
+            self.last_request, self.last_picture = request, picture_of(request, PIXELS)
         assert self.last_picture is not None
         return self.last_picture
 
@@ -75,7 +76,7 @@ class Watched:
 @pytest.fixture
 def served(tiny_run):
     server = start_server(LOOPBACK, 0)
-    served = ServedPage(server, tiny_run, torch.device("cpu"))
+    served = ServedPage(server, tiny_run, torch.device("cpu"), finer=(PIXELS,))
     yield served
     stop_server(server)
     served.close()
@@ -188,6 +189,13 @@ def test_a_painted_region_is_restyled_alone(watch):
         return painted.is_visible()
 
     tab.tab.wait_for(clicked)
+    few = int(re.search(r"the (\d+) strands", painted.inner_text())[1])
+    # Dragging over the scalp paints, and does not turn the head.
+    tab.page.mouse.move(290, 165)
+    tab.page.mouse.down()
+    tab.page.mouse.move(340, 150, steps=12)
+    tab.page.mouse.up()
+    tab.tab.wait_for(lambda: int(re.search(r"the (\d+) strands", painted.inner_text())[1]) > few)
     tab.page.get_by_text("Restyle", exact=True).click()
     tab.tab.fill("Length, times", "0.5")
     tab.page.get_by_role("button", name="Restyle the hair").click()
