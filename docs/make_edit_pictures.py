@@ -16,7 +16,7 @@ import torch
 import tyro
 
 from neural_strands.editing.edit_list import hair_motion
-from neural_strands.editing.settings import Blend, Density, Edit, Haircut, Restyle, Transfer, Wind
+from neural_strands.editing.settings import Blend, Density, Edit, Haircut, Restyle, Sample, Transfer, Wind
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.pictures.encoding import write_png
@@ -60,6 +60,7 @@ def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
         "volume": ([Restyle(volume=0.5)], 0.0),
         "blend": ([Blend(other=str(other), share=0.5)], 0.0),
         "transfer": ([Transfer(other=str(other))], 0.0),
+        "sample": ([Sample(seed=3)], 0.0),
         "quick_wind": ([dataclasses.replace(breeze, simulate=False)], 1.5),
         "wind": ([breeze], 1.5),
     }

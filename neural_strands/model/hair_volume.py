@@ -6,6 +6,7 @@ cannot explain this, but a coarse grid of density can: that of all strands, hidd
 well.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +21,9 @@ CELL = 0.005
 
 MOST_CELLS = 72
 """Largest number of cells along the longest side; hair that needs more has larger cells."""
+
+LARGER = 1.5
+"""How much larger than those of a lattice the cells of hair may have to be for the lattice to be kept."""
 
 WIDTHS = (0.004, 0.012)
 """Standard deviations of the Gaussians that average the density, metres; the last one gives the way out."""
@@ -57,8 +61,14 @@ class HairVolume:
 
 
 @torch.no_grad()
-def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:
-    """Density of strands, metres; points that are not finite are ignored."""
+def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | None = None) -> HairVolume:
+    """Density of strands; points that are not finite are ignored.
+
+    Args:
+        points: metres.
+        lattice: a grid whose nodes, continued as far as need be, become those of the volume, so that two states of hair
+            can be compared; hair that has grown too large for its spacing gets larger cells.
+    """
     stride = max(1, (points.shape[1] - 1) // SAMPLES)
     # Axes first, because sums over three adjacent numbers are slow.
     coarse = points[:, ::stride].permute(2, 0, 1).contiguous()
@@ -72,6 +82,10 @@ def hair_volume(points: Float[Tensor, "strand point 3"]) -> HairVolume:
     margin = 3 * max(WIDTHS)
     low, high = (middle.amin(dim=1) - margin).tolist(), (middle.amax(dim=1) + margin).tolist()
     cell = max(CELL, max(end - start for start, end in zip(low, high, strict=True)) / MOST_CELLS)
+    if lattice is not None and cell <= LARGER * lattice.spacing:
+        cell = lattice.spacing
+        starts = [first - 0.5 * cell for first in lattice.origin]
+        low = [start + math.floor((end - start) / cell) * cell for start, end in zip(starts, low, strict=True)]
     grid = VoxelGrid.filling(low, high, cell)
     shape = grid.shape
     index = ((middle - middle.new_tensor(low)[:, None]) / cell).long().unbind(0)

@@ -1,6 +1,6 @@
 """The one way from a camera to pixels: a model, the strands that it shows, and the volume that shades them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import torch
@@ -67,8 +67,11 @@ class HairRenderer:
         fitted = self.fitted or self
         if strands.points is fitted.strands.points:
             return fitted
-        edited = HairRenderer.of(self.model, strands)
-        return replace(edited, fitted=fitted, light=fitted._baked.changed(strands, edited.volume))
+        if strands.root_uv is None:
+            raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
+        volume = hair_volume(strands.points, fitted.volume.grid)
+        light = fitted._baked.changed(strands, volume)
+        return HairRenderer(self.model, strands, volume, fitted, light)
 
     @torch.no_grad()
     def render(self, camera: Camera) -> RenderOutput:

@@ -81,3 +81,14 @@ def test_hair_of_any_size_fits_the_grid():
 def test_positions_get_no_gradient():
     world = torch.full((1, 3), 0.05, requires_grad=True)
     assert not hair_volume(block()).at(world).requires_grad
+
+
+def test_two_states_of_hair_can_share_their_nodes():
+    whole = block()
+    first = hair_volume(whole)
+    half = hair_volume(whole[: len(whole) // 2] + 0.0123, first.grid)
+    assert half.grid.spacing == first.grid.spacing
+    steps = [(a - b) / first.grid.spacing for a, b in zip(half.grid.origin, first.grid.origin, strict=True)]
+    assert steps == pytest.approx([round(step) for step in steps], abs=1e-4)
+    # Hair that has become far larger gets cells of its own.
+    assert hair_volume(20 * whole, first.grid).grid.spacing > 2 * first.grid.spacing

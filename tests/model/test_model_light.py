@@ -59,7 +59,7 @@ def test_light_is_what_a_walk_through_the_grid_finds():
 
 
 def test_all_light_reaches_a_place_without_hair():
-    assert torch.equal(transmitted(torch.zeros(3, 4, 5), torch.zeros(3, 4, 5), 0.01), torch.ones(3, 4, 5))
+    assert torch.allclose(transmitted(torch.zeros(3, 4, 5), torch.zeros(3, 4, 5), 0.01), torch.ones(3, 4, 5))
 
 
 def test_the_middle_of_a_ball_of_hair_is_darker_than_its_rim():
@@ -67,7 +67,7 @@ def test_the_middle_of_a_ball_of_hair_is_darker_than_its_rim():
     field = LightField.through(hair_volume(strands.points), WIDTH, NO_BODY)
     middle, rim, away = field.at(torch.tensor([[0.0, 0.0, 0.0], [0.06, 0.0, 0.0], [0.3, 0.0, 0.0]])).tolist()
     assert AMBIENT < middle < rim < away
-    assert away > 0.98
+    assert away > 0.95
 
 
 def test_a_triangle_larger_than_voxels_blocks_all_that_it_crosses():
@@ -87,14 +87,14 @@ def test_hair_that_stays_is_lit_as_it_was():
 def test_hair_that_is_thinned_or_cut_and_the_skin_beneath_are_lit_more():
     corners = torch.tensor([[0.03, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03]])
     strands = ball()
-    light = baked(strands, Mesh(corners, torch.tensor([[0, 1, 2]])))
+    light, lattice = baked(strands, Mesh(corners, torch.tensor([[0, 1, 2]]))), hair_volume(strands.points).grid
     thin = strands.select(torch.arange(100))
-    found = light.changed(thin, hair_volume(thin.points))
+    found = light.changed(thin, hair_volume(thin.points, lattice))
     assert float(found.strands.min()) > 1.0
     assert bool(((found.skin > 1.0) & (found.skin <= MOST_ON_SKIN)).all())
     # Half of every strand is left: t says which half appearance was learned on.
     half = replace(strands, points=strands.points[:, :13], t=strands.parameters()[:, :13])
-    cut = light.changed(half, hair_volume(half.points))
+    cut = light.changed(half, hair_volume(half.points, lattice))
     assert float(cut.strands.min()) > 1.0
 
 
