@@ -36,9 +36,9 @@ class Arguments:
     """The run whose hair is blown."""
     out: Path = ROOT / "docs" / "pictures" / "wind.webp"
     """The picture."""
-    size: int = 320
+    size: int = 280
     """Width and height, pixels."""
-    fps: float = 16.0
+    fps: float = 12.0
     """Frames per second."""
 
 

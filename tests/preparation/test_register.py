@@ -36,12 +36,13 @@ def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path):
 @pytest.mark.slow
 def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     images, matches, model = folders(tmp_path)
-    paths = sorted((shared_data / "photos" / "selfie" / "images").glob("*.jpg"))
+    # Every second one: matching all pairs of all takes four times as long.
+    paths = sorted((shared_data / "photos" / "selfie" / "images").glob("*.jpg"))[::2]
     shots = import_photographs(paths, images, 2048, print)
     match_photographs(images, shots, matches)
     points = register(images, shots, matches, model, lambda _: None)
     views = read_colmap(images, model)
-    assert len(views) == len(paths) == 50
+    assert len(views) == len(paths) == 25
     assert len(points.position) > 1000
     # All of one phone: one lens, of a plausible focal length.
     assert len({view.lens for view in views}) == 1
