@@ -6,13 +6,14 @@ corner; `MeshFile.polygon` leads from a triangle back to its face.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from neural_strands.foundation.errors import InputError, excerpt, reason
-from neural_strands.foundation.input_files import check_file
+from neural_strands.foundation.input_files import check_file, read_bytes
 from neural_strands.geometry.mesh import Mesh, face_areas
 
 HELPER_GROUPS = ("helper", "joint")
@@ -191,13 +192,12 @@ def _read_with_trimesh(path: Path) -> _Polygons:
     import trimesh
     from trimesh.exchange.ply import load_ply
 
+    # From memory, no claim about lengths takes more than there is, and no other file that this one names is opened.
+    content = BytesIO(read_bytes(path, "a mesh file"))
     try:
         if path.suffix.lower() == ".ply":
-            with path.open("rb") as file:
-                return _polygons_of_ply(load_ply(file, skip_materials=True)["metadata"]["_ply_raw"])
-        loaded = trimesh.load(path, process=False, force="mesh")
-    except OSError:
-        raise
+            return _polygons_of_ply(load_ply(content, skip_materials=True)["metadata"]["_ply_raw"])
+        loaded = trimesh.load(content, file_type=path.suffix[1:].lower(), process=False, force="mesh")
     except Exception as error:
         raise InputError(
             f"{path}: expected a {path.suffix[1:].upper()} mesh, but it does not read as one "

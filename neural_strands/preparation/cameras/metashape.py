@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from neural_strands.capture.lens import Lens
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
 
 ADVICE = "export the cameras again (File, Export, Export Cameras, Agisoft XML)"
@@ -27,7 +27,9 @@ def read_metashape(path: Path) -> dict[str, PosedLens]:
     try:
         root = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected Metashape's XML, but it does not read so ({error}); {ADVICE}.") from error
+        raise InputError(
+            f"{path}: expected Metashape's XML, but it does not read so ({reason(error)}); {ADVICE}."
+        ) from error
     lenses = {sensor.get("id"): lens for sensor in root.iter("sensor") if (lens := _lens(path, sensor)) is not None}
     found = {}
     for camera in root.iter("camera"):
@@ -71,11 +73,12 @@ def _lens(path: Path, sensor: ElementTree.Element) -> Lens | None:
         return 0.0 if text is None else _numbers(path, f"{name}: {key}", text)[0]
 
     size = _numbers(path, name, f"{resolution.get('width')} {resolution.get('height')}")
-    width, height, focal = int(size[0]), int(size[1]), number("f")
-    if not (0 < width < 10**6 and 0 < height < 10**6 and focal > 0):
+    focal = number("f")
+    if len(size) != 2 or not all(1 <= side < 10**6 for side in size) or focal <= 0:
         raise InputError(
-            f"{path}: {name}: expected a positive size and focal length, found {size} and {focal}; {ADVICE}."
+            f"{path}: {name}: expected a positive size and focal length, found {excerpt(size)} and {focal}; {ADVICE}."
         )
+    width, height = int(size[0]), int(size[1])
     if any(number(key) for key in UNSUPPORTED):
         raise InputError(
             f"{path}: {name}: expected a lens without {' and '.join(UNSUPPORTED)}, found them; optimise the cameras "

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from neural_strands.capture.lens import Lens
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, reason
 from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
 
 FILM_WIDTH = 36.0
@@ -36,7 +36,7 @@ def read_reality_capture(path: Path, sizes: Mapping[str, tuple[int, int]]) -> di
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{path}: expected RealityCapture's CSV, but it does not read so ({error}); {ADVICE}."
+            f"{path}: expected RealityCapture's CSV, but it does not read so ({reason(error)}); {ADVICE}."
         ) from error
     stems = {Path(name).stem.lower(): size for name, size in sizes.items()}
     found = {}

@@ -90,7 +90,8 @@ class FittedHead:
         figures = read_json(folder / FIGURES, "the figures of a fitted head", ADVICE)
         head, landmarks = head_of(arrays)
         rotation, translation = torch.from_numpy(arrays["rotation"]), torch.from_numpy(arrays["translation"])
-        return cls(head, landmarks, Similarity(float(arrays["scale"]), rotation, translation), figures.value)
+        measured = {name: figure.value for name, figure in figures.members().items()}
+        return cls(head, landmarks, Similarity(float(arrays["scale"]), rotation, translation), measured)
 
 
 def fit_head(

@@ -1,0 +1,98 @@
+"""Every reader under damage, for a moment; `benchmarks/fuzz.py` does the same for hours."""
+
+import time
+import zipfile
+from pathlib import Path
+from random import Random
+
+import fuzzed_input
+import numpy as np
+import pytest
+from fuzzed_input import give
+from fuzzed_readers import READERS, FuzzedReader, write_corpus
+from mutations import mutated
+
+from neural_strands.foundation.errors import InputError
+
+INPUTS, SLOW_INPUTS = 12, 1
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("corpus")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
+        write_corpus(folder)
+    return folder
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_damage_is_read_or_refused(reader: FuzzedReader, corpus: Path):
+    path = corpus / reader.file
+    content = path.read_bytes()
+    reader.read(path)
+    try:
+        for number in range(SLOW_INPUTS if reader.is_slow else INPUTS):
+            path.write_bytes(mutated(Random(f"{reader.name} 0 {number}"), content))
+            outcome = give(reader.read, path)
+            assert not outcome.is_fault, f"input {number}: {outcome}"
+    finally:
+        path.write_bytes(content)
+
+
+def crash(path: Path):
+    raise KeyError(path.read_bytes())
+
+
+def hang(path: Path):
+    time.sleep(5)
+
+
+def labour(path: Path):
+    end = time.process_time() + 0.3
+    while time.process_time() < end:
+        pass
+
+
+def waste(path: Path):
+    np.ones(2**26, np.uint8)
+    raise InputError("too large.")
+
+
+def mumble(path: Path):
+    raise InputError("two\nlines")
+
+
+@pytest.mark.parametrize(
+    ("read", "kind"),
+    [
+        (crash, "crash"),
+        (hang, "hang"),
+        (labour, "hang"),
+        (waste, "greedy"),
+        (mumble, "sentence"),
+        (Path.read_bytes, "read"),
+    ],
+)
+def test_faults_are_told_apart(read, kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(fuzzed_input, "SECONDS", 0.25)
+    monkeypatch.setattr(fuzzed_input, "STUCK", 2.0)
+    path = tmp_path / "a"
+    path.write_bytes(b"content")
+    assert give(read, path).kind == kind
+
+
+def test_damage_repeats_and_differs(corpus: Path):
+    content = (corpus / "segments.npz").read_bytes()
+    damages = [mutated(Random(seed), content) for seed in range(50)]
+    assert damages == [mutated(Random(seed), content) for seed in range(50)]
+    assert len(set(damages)) > 40
+
+
+def test_containers_stay_whole_around_the_damage(corpus: Path, tmp_path: Path):
+    """Most damaged archives still open: the damage is within."""
+    path, opened = tmp_path / "a.npz", 0
+    for seed in range(60):
+        path.write_bytes(mutated(Random(seed), (corpus / "segments.npz").read_bytes()))
+        opened += zipfile.is_zipfile(path)
+    assert opened > 30
