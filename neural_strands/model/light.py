@@ -20,9 +20,9 @@ from neural_strands.geometry.voxel_grid import VoxelGrid
 from neural_strands.model.hair_volume import HairVolume
 
 LOST = 0.3
-"""Share of the light that a fibre in its way takes out of it; most of the rest goes on."""
-AMBIENT = 0.03
-"""Light that reaches every place, as a share of what reaches one in the open."""
+"""Share of the light that a fibre in its way takes out of it: most of it goes on, scattered forwards."""
+AMBIENT = 0.1
+"""Light that reaches every place, as a share of what reaches one in the open: fibres scatter it everywhere."""
 MOST_ON_SKIN = 2.0
 """Largest factor of the light on skin: of skin that hair hid altogether, the fit knows nothing."""
 KNOTS = 12
@@ -45,17 +45,17 @@ class LightField:
 
     @classmethod
     @torch.no_grad()
-    def through(cls, volume: HairVolume, width: float, body: Mesh) -> "LightField":
+    def through(cls, volume: HairVolume, width: float, surface: Float[Tensor, "place 3"]) -> "LightField":
         """Light that passes through hair and around the body.
 
         Args:
             volume: of the hair.
             width: of the strands, metres.
-            body: head and body; may have no faces.
+            surface: points on head and body (`surface_samples`).
         """
         extinction = LOST * width * volume.density()
         return cls(
-            volume.grid, transmitted(extinction, solid_voxels(volume.grid, body), volume.grid.spacing)[..., None]
+            volume.grid, transmitted(extinction, solid_voxels(volume.grid, surface), volume.grid.spacing)[..., None]
         )
 
     def at(self, places: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
@@ -110,17 +110,30 @@ def _swept(
     return sums, float(weight.sum())
 
 
-def solid_voxels(grid: VoxelGrid, body: Mesh) -> Float[Tensor, "x y z"]:
-    """1 in the voxels that the surface of a body passes through, else 0."""
-    solid = torch.zeros(grid.count, device=body.vertices.device)
-    if len(body.faces):
-        corners = body.corners()
-        longest = float((corners - corners.roll(1, dims=1)).norm(dim=-1).amax())
-        steps = max(int(longest / grid.spacing) + 1, 1)
+def surface_samples(body: Mesh, spacing: float) -> Float[Tensor, "place 3"]:
+    """Points on a surface, no voxel of a size without one where the surface passes through it.
+
+    Args:
+        body: may have no faces.
+        spacing: of the voxels, metres.
+    """
+    corners = body.corners()
+    longest = (corners - corners.roll(1, dims=1)).norm(dim=-1).amax(dim=1)
+    halvings = (longest / spacing).clamp(min=1.0).log2().ceil().long()
+    places = [corners[:, 0]]
+    for halved in halvings.unique().tolist():
+        a, b, c = corners[halvings == halved].unbind(dim=1)
+        steps = 2**halved
         shares = [(i / steps, j / steps) for i in range(steps + 1) for j in range(steps + 1 - i)]
-        places = [(1 - a - b) * corners[:, 0] + a * corners[:, 1] + b * corners[:, 2] for a, b in shares]
-        index, inside = grid.index(torch.cat(places))
-        solid[index[inside]] = 1.0
+        places += [(1 - first - second) * a + first * b + second * c for first, second in shares]
+    return torch.cat(places)
+
+
+def solid_voxels(grid: VoxelGrid, surface: Float[Tensor, "place 3"]) -> Float[Tensor, "x y z"]:
+    """1 in the voxels that hold a point of a surface, else 0."""
+    solid = torch.zeros(grid.count, device=surface.device)
+    index, inside = grid.index(surface)
+    solid[index[inside]] = 1.0
     return solid.view(grid.shape)
 
 
@@ -146,7 +159,7 @@ class BakedLight:
         strands: light at knots evenly spaced along t.
         skin: light at the vertices of the body.
         skin_places: where that is.
-        body: head and body.
+        surface: points on head and body.
         width: of the strands, metres.
     """
 
@@ -154,7 +167,7 @@ class BakedLight:
     strands: Float[Tensor, "strand knot"]
     skin: Float[Tensor, " vertex"]
     skin_places: Float[Tensor, "vertex 3"]
-    body: Mesh
+    surface: Float[Tensor, "place 3"]
     width: float
 
     @classmethod
@@ -173,10 +186,11 @@ class BakedLight:
         """
         if strands.root_uv is None:
             raise ValueError("light needs root_uv: it says which strand appearance was learned on")
-        field = LightField.through(volume, width, body)
+        surface = surface_samples(body, volume.grid.spacing)
+        field = LightField.through(volume, width, surface)
         places = body.vertices + ABOVE * vertex_normals(body) if len(body.faces) else body.vertices
         along = field.at(_at_knots(strands.points))
-        return cls(strands.root_uv, along, field.at(places), places, body, width)
+        return cls(strands.root_uv, along, field.at(places), places, surface, width)
 
     @torch.no_grad()
     def changed(self, strands: Strands, volume: HairVolume) -> LightChange:
@@ -191,7 +205,7 @@ class BakedLight:
         """
         if strands.root_uv is None:
             raise ValueError("light needs root_uv: it says which strand appearance was learned on")
-        field = LightField.through(volume, self.width, self.body)
+        field = LightField.through(volume, self.width, self.surface)
         along = _at_knots(strands.parameters()[..., None])[..., 0]
         before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
         factor = field.at(_at_knots(strands.points)) / before

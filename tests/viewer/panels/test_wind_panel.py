@@ -3,6 +3,7 @@
 import threading
 import time
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -40,7 +41,7 @@ def page(tiny_run):
     stop_server(server)
 
 
-def browser():
+def browser() -> Any:
     notice = SimpleNamespace(remove=lambda: None, body="")
     return SimpleNamespace(add_notification=lambda *_, **__: notice)
 
