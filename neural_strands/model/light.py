@@ -23,8 +23,8 @@ LOST = 0.3
 """Share of the light that a fibre in its way takes out of it: most of it goes on, scattered forwards."""
 AMBIENT = 0.1
 """Light that reaches every place, as a share of what reaches one in the open: fibres scatter it everywhere."""
-MOST_ON_SKIN = 2.0
-"""Largest factor of the light on skin: of skin that hair hid altogether, the fit knows nothing."""
+BRIGHTEST = 2.0
+"""Largest factor of a colour: of what lay in deep shadow, or was hidden, a fit knows too little for more."""
 KNOTS = 12
 """Places along a strand at which light is computed."""
 ABOVE = 0.004
@@ -209,7 +209,8 @@ class BakedLight:
         along = _at_knots(strands.parameters()[..., None])[..., 0]
         before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
         factor = field.at(_at_knots(strands.points)) / before
-        return LightChange(factor[..., None], (field.at(self.skin_places) / self.skin).clamp(max=MOST_ON_SKIN))
+        skin = field.at(self.skin_places) / self.skin
+        return LightChange(*(change.clamp(max=BRIGHTEST) for change in (factor[..., None], skin)))
 
     def _fitted_on(self, uv: Float[Tensor, "strand 2"]) -> Int64[Tensor, " strand"]:
         """The fitted strand that grows nearest on the chart."""

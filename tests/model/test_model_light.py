@@ -13,7 +13,7 @@ from neural_strands.geometry.voxel_grid import VoxelGrid
 from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.light import (
     AMBIENT,
-    MOST_ON_SKIN,
+    BRIGHTEST,
     BakedLight,
     LightField,
     solid_voxels,
@@ -99,7 +99,7 @@ def test_hair_that_is_thinned_or_cut_and_the_skin_beneath_are_lit_more():
     thin = strands.select(torch.arange(100))
     found = light.changed(thin, hair_volume(thin.points, lattice))
     assert float(found.strands.min()) > 1.0
-    assert bool(((found.skin > 1.0) & (found.skin <= MOST_ON_SKIN)).all())
+    assert bool(((found.skin > 1.0) & (found.skin <= BRIGHTEST)).all())
     # Half of every strand is left: t says which half appearance was learned on.
     half = replace(strands, points=strands.points[:, :13], t=strands.parameters()[:, :13])
     cut = light.changed(half, hair_volume(half.points, lattice))
