@@ -1,11 +1,12 @@
-"""Draw the README's moving picture: a turn around fitted hair in simulated wind.
+"""Draw the README's moving picture: fitted hair in simulated wind, while the camera swings from side to side.
 
     python docs/make_moving_picture.py RUN
 
-RUN is the run of `neural-strands demo`. The wind rises and falls within one turn of the camera, so that the picture
+RUN is the run of `neural-strands demo`. The wind rises and falls within one swing of the camera, so that the picture
 repeats without a jump.
 """
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -24,8 +25,10 @@ from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.edited import open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOM = 1.2
+ROOM = 1.3
 """Size of what the camera takes in, in sizes of the fitted hair."""
+SWING = 70.0
+"""How far the camera swings to either side of the face, degrees."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +48,14 @@ class Arguments:
 def main(arguments: Arguments) -> None:
     """Simulate, render, write."""
     hair = open_hair(arguments.run).hair
-    wind = Wind(direction=(1.0, 0.15, 0.3), strength=1.0, seconds=3.0, calm=2.0, fps=arguments.fps, simulate=True)
+    wind = Wind(direction=(1.0, 0.15, 0.3), strength=1.0, seconds=3.0, calm=3.0, fps=arguments.fps, simulate=True)
     motion = hair_motion(hair, [wind])
     assert motion is not None
     points, side = hair.strands.points, arguments.size
     middle = points.mean(dim=(0, 1))
-    cameras = turntable_cameras(middle + ROOM * (points - middle), wind.frames, (side, side))
+    around = turntable_cameras(middle + ROOM * (points - middle), 360, (side, side))
+    turns = SWING * (2 * math.pi * torch.arange(wind.frames) / wind.frames).sin()
+    cameras = [around[round(turn) % 360] for turn in turns.tolist()]
     frames = []
     for number, camera in enumerate(track(cameras, "rendering")):
         moved = replace(hair.strands, points=motion.at(number / wind.fps))
@@ -64,7 +69,7 @@ def main(arguments: Arguments) -> None:
             append_images=frames[1:],
             duration=round(1000 / wind.fps),
             loop=0,
-            quality=60,
+            quality=85,
             method=6,
         )
 
