@@ -113,7 +113,7 @@ class Transfer:
 class Sample:
     """Grow a new hairstyle that the strand prior draws; the appearance stays."""
 
-    likeness: Annotated[float, Between(0.0, 1.0)] = 0.7
+    likeness: Annotated[float, Between(0.0, 1.0)] = 0.85
     """How much of the run's own hairstyle is left, from 0 (the prior alone) to 1 (as it is)."""
     variety: Annotated[float, Between(0.0, 2.0)] = 0.3
     """How much strands differ over the scalp, in deviations of the prior."""

@@ -66,8 +66,8 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
 
     Args:
         points: metres.
-        lattice: a grid whose nodes, continued as far as need be, become those of the volume, so that two states of hair
-            can be compared; hair that has grown too large for its spacing gets larger cells.
+        lattice: a grid whose nodes, and more of them as far as need be, become those of the volume, so that two states
+            of hair can be compared; hair that has grown too large for its spacing gets larger cells.
     """
     stride = max(1, (points.shape[1] - 1) // SAMPLES)
     # Axes first, because sums over three adjacent numbers are slow.
@@ -85,7 +85,9 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
     if lattice is not None and cell <= LARGER * lattice.spacing:
         cell = lattice.spacing
         starts = [first - 0.5 * cell for first in lattice.origin]
-        low = [start + math.floor((end - start) / cell) * cell for start, end in zip(starts, low, strict=True)]
+        ends = [start + size * cell for start, size in zip(starts, lattice.shape, strict=True)]
+        low = [start + min(math.floor((end - start) / cell), 0) * cell for start, end in zip(starts, low, strict=True)]
+        high = [max(pair) for pair in zip(high, ends, strict=True)]
     grid = VoxelGrid.filling(low, high, cell)
     shape = grid.shape
     index = ((middle - middle.new_tensor(low)[:, None]) / cell).long().unbind(0)

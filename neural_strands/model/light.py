@@ -10,7 +10,7 @@ import itertools
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from scipy.spatial import KDTree
 from torch import Tensor
 
@@ -159,6 +159,7 @@ class BakedLight:
         strands: light at knots evenly spaced along t.
         skin: light at the vertices of the body.
         skin_places: where that is.
+        near: which of them lie among the hair.
         surface: points on head and body.
         width: of the strands, metres.
     """
@@ -167,6 +168,7 @@ class BakedLight:
     strands: Float[Tensor, "strand knot"]
     skin: Float[Tensor, " vertex"]
     skin_places: Float[Tensor, "vertex 3"]
+    near: Bool[Tensor, " vertex"]
     surface: Float[Tensor, "place 3"]
     width: float
 
@@ -190,7 +192,7 @@ class BakedLight:
         field = LightField.through(volume, width, surface)
         places = body.vertices + ABOVE * vertex_normals(body) if len(body.faces) else body.vertices
         along = field.at(_at_knots(strands.points))
-        return cls(strands.root_uv, along, field.at(places), places, surface, width)
+        return cls(strands.root_uv, along, field.at(places), places, volume.grid.index(places)[1], surface, width)
 
     @torch.no_grad()
     def changed(self, strands: Strands, volume: HairVolume) -> LightChange:
@@ -209,7 +211,8 @@ class BakedLight:
         along = _at_knots(strands.parameters()[..., None])[..., 0]
         before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
         factor = field.at(_at_knots(strands.points)) / before
-        skin = field.at(self.skin_places) / self.skin
+        # Far from the fitted hair nothing is known of its shadows.
+        skin = torch.where(self.near, field.at(self.skin_places) / self.skin, 1.0)
         return LightChange(*(change.clamp(max=BRIGHTEST) for change in (factor[..., None], skin)))
 
     def _fitted_on(self, uv: Float[Tensor, "strand 2"]) -> Int64[Tensor, " strand"]:

@@ -106,6 +106,23 @@ def test_hair_that_is_thinned_or_cut_and_the_skin_beneath_are_lit_more():
     assert float(cut.strands.min()) > 1.0
 
 
+def test_skin_below_hair_that_is_cut_off_is_never_darker_than_before():
+    """The cut hair ends higher than the neck, whose light must not be read at the border of a smaller grid."""
+    heights = torch.linspace(0, -0.2, 9)
+    neck = torch.stack([torch.full((9,), 0.01), heights, torch.zeros(9)], dim=1)
+    faces = torch.tensor([[k, k + 1, (k + 4) % 9] for k in range(8)])
+    random = torch.Generator().manual_seed(1)
+    roots = 0.06 * torch.rand(300, 3, generator=random) * torch.tensor([1.0, 0.3, 1.0])
+    fall = torch.linspace(0, -0.2, 25)[None, :, None] * torch.tensor([0.0, 1.0, 0.0])
+    strands = Strands(roots[:, None] + fall, root_uv=torch.rand(300, 2, generator=random))
+    volume = hair_volume(strands.points)
+    light = BakedLight.of(strands, volume, WIDTH, Mesh(neck, faces))
+    cut = replace(strands, points=strands.points[:, :5], t=strands.parameters()[:, :5])
+    found = light.changed(cut, hair_volume(cut.points, volume.grid))
+    assert float(found.skin.min()) > 0.999
+    assert float(found.skin.max()) > 1.1
+
+
 def test_light_needs_to_know_which_strand_is_which():
     strands = ball(10)
     with pytest.raises(ValueError, match="root_uv"):
