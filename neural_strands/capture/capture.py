@@ -154,6 +154,7 @@ class Capture:
         path = paths.get(part) or view.image_path
 
         def decode() -> dict[tuple, np.ndarray]:
+            self.cache.check_unchanged(path)
             pixels = read_pixels(path, (view.lens.width, view.lens.height))
             if part in paths:
                 parts = {part: mask_of(pixels)}

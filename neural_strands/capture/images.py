@@ -3,6 +3,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -28,6 +29,7 @@ class ImageCache:
         self.budget = budget
         self.used = 0
         self._images: OrderedDict[tuple, np.ndarray] = OrderedDict()
+        self._written: dict[Path, tuple[int, int]] = {}
         self._lock = threading.Lock()
 
     def get(self, key: tuple, decode: Callable[[], Mapping[tuple, np.ndarray]]) -> np.ndarray:
@@ -45,6 +47,22 @@ class ImageCache:
             while self.used > self.budget:
                 self.used -= self._images.popitem(last=False)[1].nbytes
         return decoded[key]
+
+    def check_unchanged(self, path: Path) -> None:
+        """Refuse a file that is not the one decoded earlier: half a fit of one photograph and half of another is none.
+
+        Raises:
+            InputError: the file was written to in between.
+        """
+        with suppress(OSError):
+            # A file that is gone is refused by whoever reads it next.
+            status = path.stat()
+            written = (status.st_mtime_ns, status.st_size)
+            if self._written.setdefault(path, written) != written:
+                raise InputError(
+                    f"{path}: expected the file that was read before, found that it has changed since; restore it, or "
+                    "start again."
+                )
 
 
 def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:

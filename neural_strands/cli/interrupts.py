@@ -1,4 +1,4 @@
-"""Ctrl-C while the program is still loading."""
+"""Ctrl-C while the program is still loading, and a request to end (SIGTERM) as if it were Ctrl-C."""
 
 import os
 import signal
@@ -43,3 +43,22 @@ def interruptible_loading(sentence: str) -> Iterator[Callable[[], None]]:
         yield loaded
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def ends_as_interrupted() -> Iterator[None]:
+    """Within the block, SIGTERM does what Ctrl-C does: whatever would be kept then is kept.
+
+    Batch systems send it some time before they kill a job. Where something handles or ignores either signal, as a shell
+    lets its background jobs ignore Ctrl-C, that stays.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    free = in_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if not free or not callable(signal.getsignal(signal.SIGINT)):
+        yield
+        return
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -10,7 +10,7 @@ from functools import partial
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from neural_strands import __version__
-from neural_strands.cli.interrupts import INTERRUPTED, interruptible_loading
+from neural_strands.cli.interrupts import INTERRUPTED, ends_as_interrupted, interruptible_loading
 from neural_strands.cli.streams import ReaderGoneError, guarded_output
 from neural_strands.foundation.errors import InputError
 
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status: 0 done, 2 bad input, 130 interrupted, 141 output not read."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with guarded_output(), interruptible_loading(STOPPED) as loaded:
+        with guarded_output(), interruptible_loading(STOPPED) as loaded, ends_as_interrupted():
             if not words or words[0] in ("-h", "--help"):
                 sys.stdout.write(_help())
             elif words[0] == "--version":

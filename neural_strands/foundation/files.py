@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import shutil
 import uuid
 from collections.abc import Iterator
@@ -9,7 +10,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, reason
+
+LEFTOVER = re.compile(r"\..+\.[0-9a-f]{8}(?:\.old|\.[A-Za-z0-9]+)?")
+"""Names of what `atomic_file` and `atomic_folder` write before they rename it."""
+LOCK = ".in_use"
+"""The file in a folder that whoever writes to it holds locked."""
 
 
 @contextmanager
@@ -73,3 +79,50 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         shutil.rmtree(retired, ignore_errors=True)
+
+
+@contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Let no other process write to a folder, and remove what one that was killed left unfinished in it.
+
+    The system frees the lock when its process ends, however it ends.
+
+    Raises:
+        InputError: another process writes to the folder, or the folder cannot be written to.
+    """
+    import filelock
+
+    lock = filelock.FileLock(folder / LOCK, blocking=False)
+    absent = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except filelock.Timeout as error:
+        raise InputError(
+            f"{folder}: expected a folder that no other process writes to, found one that does; wait until it has "
+            "ended, or name another folder."
+        ) from error
+    except (OSError, NotImplementedError) as error:
+        raise InputError(f"{folder}: cannot be written ({reason(error)}); nothing was changed.") from error
+    try:
+        remove_leftovers(folder)
+        yield
+    finally:
+        # Windows removes no open file; one that stays does no harm, for it is the lock that counts.
+        with suppress(OSError):
+            (folder / LOCK).unlink()
+        lock.release()
+        with suppress(OSError):
+            # Folders that nothing came of go again; others are not empty, and stay.
+            for path in absent:
+                path.rmdir()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what `atomic_file` and `atomic_folder` had not finished in a folder when their process was killed.
+
+    Only for whoever is the sole writer: what another process is writing looks the same.
+    """
+    for path in folder.iterdir():
+        if LEFTOVER.fullmatch(path.name):
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)

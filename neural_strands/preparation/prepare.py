@@ -20,7 +20,8 @@ import numpy as np
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.files import atomic_file, remove_leftovers, sole_writer
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
     Calibration,
@@ -52,7 +53,8 @@ from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 STAGES = "preparation"
 """Folder of the stages, in the capture."""
 PERSON = "person"
-VOTES = "votes.npy"
+VOTES = "votes.npz"
+ADVICE = "remove its folder, and the stage is done again"
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,13 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
         request.detector.check()
     if request.segmenter is not None:
         check_command(request.segmenter)
+    with sole_writer(request.out / STAGES):
+        remove_leftovers(request.out)
+        return _all_stages(request, say)
+
+
+def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
+    """`prepare`, once nothing stands in its way."""
     run = _Run(request, say)
     photographs = run.photographs()
     cameras, lenses = run.cameras(photographs)
@@ -118,7 +127,7 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     fitted = FittedHead.load(head.folder)
     world = cameras_in_world(calibration.cameras, fitted.frame)
     masks = run.masks(calibration, face, head, fitted, world, given)
-    scalp = person_scalp(fitted.head, np.load(masks.folder / VOTES))
+    scalp = person_scalp(fitted.head, _read_votes(masks.folder, len(fitted.head.mesh.vertices)))
     CaptureFiles(
         world,
         calibration.pictures,
@@ -296,9 +305,9 @@ class _Run:
                 found = find_hair(cameras, calibration.pictures, zoned, self.outlines(calibration, face))
             for picture, coverage in zip(calibration.pictures, found.coverage, strict=True):
                 write_picture(out / picture.name, coverage)
-            np.save(out / VOTES, found.vote)
+            np.savez(out / VOTES, vote=found.vote)
 
-        inputs = {"face": face.digest, "head": head.digest, "segmenter": segmenter}
+        inputs = {"face": face.digest, "head": head.digest, "segmenter": segmenter, "votes": VOTES}
         if given is not None:
             inputs["given"] = given.digest()
         return self._stage("masks", inputs, work)
@@ -307,6 +316,12 @@ class _Run:
         """Masks of the person, where there are any."""
         files = [face.folder / PERSON / picture.name for picture in calibration.pictures]
         return [file if file.is_file() else None for file in files]
+
+
+def _read_votes(folder: Path, vertices: int) -> np.ndarray:
+    """How many of the views see hair before each vertex of the head, NaN where none shows it."""
+    votes = ArraySpec("vote", str(vertices), np.float64, finite=False)
+    return read_npz(folder / VOTES, "the views' votes on hair", (votes,), ADVICE)["vote"]
 
 
 def _detector_inputs(detector: Detector) -> list[str | None]:

@@ -1,6 +1,7 @@
 """One fit from start to end: prepare a new run or one to resume, gather its inputs, take its steps."""
 
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.perceptual import perceptual_loss
 from neural_strands.fitting.stereo import check_source, find_segments, segments_source
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import sole_writer
 from neural_strands.foundation.progress import Feedback
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
@@ -118,8 +120,10 @@ def run_fit(request: FitRequest, config: FitConfig, device: torch.device, feedba
     workers = Workers.join(device)
     try:
         run = prepare_run(request, config, device, workers, feedback)
-        data = gather_inputs(run, request.segments, feedback)
-        return run_steps(run, data, feedback)
+        with sole_writer(request.out) if workers.leads else nullcontext():
+            check_begun(run)
+            data = gather_inputs(run, request.segments, feedback)
+            return run_steps(run, data, feedback)
     finally:
         workers.close()
 
@@ -139,9 +143,7 @@ def prepare_run(
     # No process may create the folder before all have checked it.
     workers.wait()
     if resuming and not request.resume:
-        raise InputError(
-            f"{request.out}: a run is there already; give --resume to continue it, or name another folder."
-        )
+        raise _run_there(request.out)
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_views(seen)
     given = None
@@ -172,6 +174,16 @@ def prepare_run(
     if resuming:
         check_same(folder, described)
     return PreparedRun(folder, described, capture, head, distance, prior, perceptual, resuming, device, workers)
+
+
+def check_begun(run: PreparedRun) -> None:
+    """Refuse a new run where another process has begun one since this one was prepared.
+
+    Raises:
+        InputError: the folder holds a run by now.
+    """
+    if run.folder.description.is_file() and not run.resuming:
+        raise _run_there(run.folder.path)
 
 
 def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> FitData:
@@ -210,12 +222,18 @@ def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
         InputError: the checkpoint is damaged, the fit diverges, or the disk is full.
     """
     folder, config, leads = run.folder, run.config, run.workers.leads
-    tracing = "; tracing first strands" if config.initialise == "flow" else ""
-    feedback.say(f"{len(data.segments)} segment points{tracing}")
-    state = begin(data, run.prior, config)
-    if run.resuming and folder.checkpoint.is_file():
+    resuming = run.resuming and folder.checkpoint.is_file()
+    tracing = config.initialise == "flow" and not resuming
+    feedback.say(f"{len(data.segments)} segment points{'; tracing first strands' if tracing else ''}")
+    # The checkpoint holds everything but the roots, which are drawn again from the seed.
+    state = begin(data, run.prior, replace(config, initialise="mean") if resuming else config)
+    if resuming:
         load_checkpoint(state, folder.checkpoint)
         feedback.say(f"resuming at step {state.step} of {config.steps}")
+    elif leads:
+        # First strands take as long to trace as hundreds of steps.
+        save_checkpoint(state, folder.checkpoint)
+    run.workers.wait()
     if leads:
         write_description(folder, run.described)
     try:
@@ -254,3 +272,7 @@ def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback)
     finally:
         if log is not None:
             log.flush()
+
+
+def _run_there(folder: Path) -> InputError:
+    return InputError(f"{folder}: a run is there already; give --resume to continue it, or name another folder.")

@@ -1,6 +1,7 @@
 """The command line as a user meets it: exit statuses, sentences, help."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -176,3 +177,28 @@ def test_ctrl_c_while_modules_load_is_one_sentence(module: str, tmp_path: Path):
     (tmp_path / f"{module}.py").write_text(STOP_WHILE_LOADING)
     status, told = shell(f"PYTHONPATH={tmp_path}:$PYTHONPATH $N score a.hair b.hair")
     assert (status, told) == (130, "neural-strands: stopped; finished parts are kept.\n")
+
+
+STOP_WHILE_WORKING = """
+import os, signal, sys
+from neural_strands.cli.commands.info import Info
+from neural_strands.cli.main import main
+def run(self):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        signal.pause()
+    finally:
+        print("kept")
+Info.run = run
+sys.exit(main(["info", "a.hair"]))
+"""
+
+
+def test_a_request_to_end_is_taken_as_ctrl_c():
+    """Batch systems send SIGTERM before they kill. Background jobs of a shell ignore SIGINT: those just end."""
+    told = "neural-strands: stopped; finished parts are kept.\n"
+    done = subprocess.run([sys.executable, "-c", STOP_WHILE_WORKING], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "kept\n", told)
+    ignoring = f"import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n{STOP_WHILE_WORKING}"
+    done = subprocess.run([sys.executable, "-c", ignoring], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGTERM, "", "")

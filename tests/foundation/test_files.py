@@ -1,11 +1,13 @@
 """Files are whole or absent."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file, atomic_folder
+from neural_strands.foundation.files import atomic_file, atomic_folder, sole_writer
 
 
 def test_file_appears_whole_and_replaces(tmp_path: Path):
@@ -64,4 +66,45 @@ def test_failed_folder_leaves_the_old_one(tmp_path: Path):
 def test_folder_under_a_file_is_an_input_error(tmp_path: Path):
     (tmp_path / "a").write_text("")
     with pytest.raises(InputError, match="cannot be written"), atomic_folder(tmp_path / "a" / "b"):
+        pass
+
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from neural_strands.foundation.files import atomic_file, atomic_folder, sole_writer
+folder = Path(sys.argv[1])
+with sole_writer(folder), atomic_file(folder / "checkpoint.pt") as file, atomic_folder(folder / "model") as model:
+    file.write_text("half")
+    (model / "weights").write_text("half")
+    print("writing", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_folder_has_one_writer_and_a_killed_one_leaves_nothing(tmp_path: Path):
+    folder = tmp_path / "run"
+    other = subprocess.Popen([sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True)
+    assert other.stdout.readline() == "writing\n"
+    with pytest.raises(InputError, match="expected a folder that no other process writes to"), sole_writer(folder):
+        pass
+    other.kill()
+    other.communicate()
+    assert len(list(folder.iterdir())) == 3
+    (folder / ".hidden").write_text("the user's own")
+    with sole_writer(folder):
+        assert sorted(path.name for path in folder.iterdir()) == [".hidden", ".in_use"]
+    assert [path.name for path in folder.iterdir()] == [".hidden"]
+
+
+def test_a_writer_that_wrote_nothing_leaves_no_folder(tmp_path: Path):
+    for _ in range(2):
+        with sole_writer(tmp_path / "deep" / "run"):
+            assert (tmp_path / "deep" / "run").is_dir()
+        assert list(tmp_path.iterdir()) == []
+    with pytest.raises(KeyError), sole_writer(tmp_path / "deep" / "run"):
+        raise KeyError
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "a").write_text("")
+    with pytest.raises(InputError, match="cannot be written"), sole_writer(tmp_path / "a" / "b"):
         pass

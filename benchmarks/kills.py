@@ -1,0 +1,145 @@
+"""Work that is killed at random moments and started again: `python benchmarks/kills.py OUT --kills 100`.
+
+A small fit (with its stereo) or a small preparation is first done whole. Then it is done again and again, in processes
+that SIGKILL ends at random moments, up to five times before one may finish. Each result must be, byte for
+byte, that of the whole one, and nothing unfinished may lie beside it. Prints one JSON document.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from random import Random
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+
+from photographed_head import write_scene
+from tiny_capture import tiny_config, write_capture
+
+from neural_strands.cli.main import main as command
+from neural_strands.foundation.files import LEFTOVER
+from neural_strands.preparation.prepare import prepare
+from neural_strands.runs import run_fit
+
+KILLS_A_ROUND = 5
+CHECKPOINT_SECONDS = 0.3
+"""A fit of seconds keeps checkpoints more often than one of minutes."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Work that leaves files in a folder.
+
+    Attributes:
+        work: does it into a folder, from wherever earlier work there has come.
+        results: which of the files are results: patterns of names, from the folder.
+    """
+
+    work: Callable[[Path], None]
+    results: Sequence[str]
+
+
+def fit_job(folder: Path) -> Job:
+    """A fit of some seconds, with stereo."""
+    write_capture(folder / "ball", views=6)
+    settings = folder / "tiny.json"
+    settings.write_text(json.dumps(asdict(tiny_config(steps=30))))
+    run_fit.CHECKPOINT_SECONDS = CHECKPOINT_SECONDS
+
+    def work(out: Path) -> None:
+        words = ["fit", str(folder / "ball"), str(out), "--config", str(settings), "--resume"]
+        if command(words) != 0:
+            raise RuntimeError("the fit did not end well")
+
+    return Job(work, ("segments.npz", "model/model.safetensors", "groom.npz", "groom.usd"))
+
+
+def prepare_job(folder: Path) -> Job:
+    """A preparation of some seconds, with given cameras and landmarks."""
+    (folder / "scene").mkdir()
+    scene = write_scene(folder / "scene")
+
+    def work(out: Path) -> None:
+        prepare(scene.request(out), lambda _: None)
+
+    return Job(work, ("**/*.json", "**/*.png", "**/*.obj", "**/*.npz"))
+
+
+JOBS = {"fit": fit_job, "prepare": prepare_job}
+
+
+def survive(work: Callable[[], None], moments: Sequence[float]) -> int:
+    """Do the work in processes that are killed after so many seconds each, the last of which may end."""
+    killed = 0
+    for moment in (*moments, float("inf")):
+        child = os.fork()
+        if child == 0:
+            os._exit(in_child(work))
+        began = time.monotonic()
+        while (ended := os.waitpid(child, os.WNOHANG))[0] == 0 and time.monotonic() - began < moment:
+            time.sleep(0.002)
+        if ended[0] != 0:
+            if ended[1] != 0:
+                raise RuntimeError(f"after {killed} kills the work ended with status {ended[1]}")
+            break
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        killed += 1
+    return killed
+
+
+def in_child(work: Callable[[], None]) -> int:
+    """Status of the work, which says nothing unless it fails."""
+    told = sys.stderr
+    with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
+        try:
+            work()
+        except Exception as error:
+            told.write(f"{type(error).__name__}: {error}\n")
+            return 1
+    return 0
+
+
+def contents(folder: Path, patterns: Sequence[str]) -> dict[str, bytes]:
+    """The results by name."""
+    files = {path for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(files)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path, help="a new folder")
+    parser.add_argument("--job", choices=JOBS, default="fit")
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True)
+    os.environ["NEURAL_STRANDS_WEIGHTS"] = str(options.out / "none")
+    job = JOBS[options.job](options.out)
+    began = time.monotonic()
+    survive(lambda: job.work(options.out / "whole" / "result"), ())
+    seconds = time.monotonic() - began
+    expected = contents(options.out / "whole" / "result", job.results)
+    random, killed, rounds = Random(options.seed), 0, 0
+    different: set[str] = set()
+    leftovers: set[str] = set()
+    while killed < options.kills:
+        rounds += 1
+        out = options.out / f"round_{rounds}" / "result"
+        planned = min(KILLS_A_ROUND, options.kills - killed)
+        killed += survive(lambda out=out: job.work(out), [random.uniform(0, seconds) for _ in range(planned)])
+        found = contents(out, job.results)
+        different |= {name for name in {**expected, **found} if expected.get(name) != found.get(name)}
+        leftovers |= {path.name for path in out.rglob(".*") if LEFTOVER.fullmatch(path.name)}
+    figures = {"job": options.job, "kills": killed, "rounds": rounds, "whole_s": round(seconds, 2)}
+    print(json.dumps({**figures, "files": len(expected), "different": sorted(different), "left": sorted(leftovers)}))
+
+
+if __name__ == "__main__":
+    main()
