@@ -218,7 +218,10 @@ def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Te
     body = model.body(target.camera)
     lines = replace(model.lines, width=0.0)
     seen = rasterise_lines(state.drawn, target.camera, body.depth, lines).segment
-    index = torch.unique(seen[seen >= 0] // (state.drawn.shape[1] - 1))
+    strands = len(state.drawn)
+    strand = torch.where(seen >= 0, seen // (state.drawn.shape[1] - 1), strands)
+    flags = torch.zeros(strands + 1, dtype=torch.bool, device=seen.device).index_fill_(0, strand.view(-1), True)
+    index = flags[:-1].nonzero().squeeze(1)
     if len(index) == 0:
         return state.drawn
     decoded = model.decode(state.drawn.shape[1], index=index).points

@@ -2,6 +2,9 @@
 
 Warp runs a kernel on one CPU thread. A kernel whose threads write only their own outputs may be split: it takes the
 first index as its first argument (`start`) and adds it to `wp.tid()`. Kernels that use atomics must not be split.
+
+Where torch traces instead of computing (torch.compile, or tensors without memory on a device that is not there),
+launches become the operator `neural_strands::launch`, which torch can put into its graphs.
 """
 
 import contextlib
@@ -18,6 +21,7 @@ import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
+from torch._subclasses.fake_tensor import FakeTensor
 
 from neural_strands.foundation.errors import InputError, reason
 
@@ -49,10 +53,16 @@ def _silent_stderr() -> Iterator[None]:
         os.close(nowhere)
 
 
-def array(tensor: Tensor, dtype: Any = None) -> wp.array:
-    """View a tensor as a Warp array without a copy (made contiguous first); no gradient passes through."""
+def array(tensor: Tensor, dtype: Any = None) -> Any:
+    """View a tensor as a Warp array without a copy (made contiguous first); no gradient passes through.
+
+    Where torch traces, it stays a tensor until the operator runs.
+    """
+    flat = tensor.detach().contiguous()
+    if isinstance(flat, FakeTensor) or torch.compiler.is_compiling():
+        return flat
     start_warp()
-    return wp.from_torch(tensor.detach().contiguous(), dtype=dtype, requires_grad=False)
+    return wp.from_torch(flat, dtype=dtype, requires_grad=False)
 
 
 def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Tensor:
@@ -68,6 +78,9 @@ def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Ten
 def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
     """Run `kernel` for `count` items on one thread (CPU) or the current torch stream (CUDA)."""
     device = torch.device(device)
+    if _are_traced(inputs):
+        _launch_traced(kernel, count, inputs, split=False)
+        return
     if count == 0:
         return
     if device.type == "cuda":
@@ -82,6 +95,9 @@ def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.devi
 def launch_split(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
     """Run a kernel that takes `start` first, with its items split between torch's CPU threads."""
     device = torch.device(device)
+    if _are_traced(inputs):
+        _launch_traced(kernel, count, [0, *inputs], split=True)
+        return
     shares = min(torch.get_num_threads(), count // SMALLEST_SHARE)
     if device.type == "cuda" or shares < 2:
         launch(kernel, count, [0, *inputs], device)
@@ -124,8 +140,11 @@ def load(kernel: Kernel, device: torch.device | str) -> None:
     Raises:
         InputError: if the compiled kernel cannot be written to Warp's cache.
     """
-    start_warp()
     device = torch.device(device)
+    if torch.compiler.is_compiling() or (device.type == "cuda" and not torch.cuda.is_available()):
+        # Traced: the operator loads the kernel where it runs.
+        return
+    start_warp()
     with _writable_cache():
         kernel.module.load("cpu" if device.type == "cpu" else _warp_device(device))
 
@@ -146,3 +165,51 @@ def _writable_cache() -> Iterator[None]:
 def _warp_device(device: torch.device) -> Any:
     """Warp's name of a CUDA device. Warp needs a number, so a device without one becomes torch's current device."""
     return wp.device_from_torch(torch.device("cuda", torch.cuda.current_device()) if device.index is None else device)
+
+
+def _are_traced(inputs: Sequence[Any]) -> bool:
+    return any(isinstance(value, Tensor) for value in inputs)
+
+
+def _launch_traced(kernel: Kernel, count: int, inputs: Sequence[Any], split: bool) -> None:
+    """Leave a launch to the operator: arrays and numbers apart, vectors and matrices as their numbers."""
+    arrays = [value for value in inputs if isinstance(value, Tensor)]
+    numbers: list[float | int] = []
+    for value in inputs:
+        if not isinstance(value, Tensor):
+            numbers.extend([value] if isinstance(value, int | float) else np.array(value).ravel().tolist())
+    launch_operator(f"{kernel.module.name}.{kernel.key}", count, arrays, numbers, split)
+
+
+@torch.library.custom_op(
+    "neural_strands::launch",
+    mutates_args=("arrays",),
+    schema="(str kernel, SymInt count, Tensor(a!)[] arrays, Scalar[] numbers, bool split) -> ()",
+)
+def launch_operator(
+    kernel: str, count: int, arrays: Sequence[Tensor], numbers: Sequence[float | int], split: bool
+) -> None:
+    """Launch a kernel by its name, with its arrays and the numbers between them in the order of its arguments."""
+    module, _, key = kernel.rpartition(".")
+    found: Kernel = wp.get_module(module).kernels[key]
+    left_arrays, left_numbers, inputs = iter(arrays), iter(numbers), []
+    for argument in found.adj.args:
+        kind = argument.type
+        if hasattr(kind, "ndim"):
+            inputs.append(array(next(left_arrays), kind.dtype))
+        elif hasattr(kind, "_length_"):
+            inputs.append(kind(*itertools.islice(left_numbers, kind._length_)))
+        else:
+            inputs.append(next(left_numbers))
+    if split:
+        launch_split(found, count, inputs[1:], arrays[0].device)
+    else:
+        launch(found, count, inputs, arrays[0].device)
+
+
+@launch_operator.register_fake
+def _launch_fake(kernel: str, _: int, arrays: Sequence[Tensor], *__: object) -> None:
+    """Nothing is computed where there is no memory; what CUDA would refuse is refused."""
+    devices = {tensor.device for tensor in arrays}
+    if len(devices) > 1:
+        raise RuntimeError(f"{kernel}: expected all arrays on one device, found {', '.join(map(str, devices))}")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -98,18 +98,31 @@ class Body(nn.Module):
             light: factors of the colours at the vertices.
         """
         seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
-        pixels = torch.nonzero(seen.face.view(-1) >= 0).squeeze(1)
-        face, barycentric = seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels]
+        covered, (height, width) = seen.face >= 0, seen.face.shape
+        if covered.device.type == "cuda" and len(self.faces):
+            # To find the pixels of the body the host would have to wait for the device; to colour all, it does not.
+            colour = self._colours(seen.face.view(-1).clamp(min=0), seen.barycentric.view(-1, 3), light)
+            image = torch.where(covered.view(-1, 1), colour, 0.0)
+        else:
+            pixels = torch.nonzero(covered.view(-1)).squeeze(1)
+            colour = self._colours(seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels], light)
+            image = colour.new_zeros(height * width, 3).index_copy(0, pixels, colour)
+        return BodyImage(image.view(height, width, 3), covered.to(colour.dtype), seen.depth)
+
+    def _colours(
+        self,
+        face: Int64[Tensor, " pixel"],
+        barycentric: Float[Tensor, "pixel 3"],
+        light: Float[Tensor, " vertex"] | None,
+    ) -> Float[Tensor, "pixel 3"]:
+        """Linear colours of places on faces."""
         if self.corner_uv is None:
             colour = interpolate(self.colour[self.faces], face, barycentric)
         else:
             colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
-        if light is not None:
-            colour = colour * interpolate(light[self.faces][..., None], face, barycentric)
-        height, width = seen.face.shape
-        image = colour.new_zeros(height * width, 3).index_copy(0, pixels, colour)
-        coverage = (seen.face >= 0).to(colour.dtype)
-        return BodyImage(image.view(height, width, 3), coverage, seen.depth)
+        if light is None:
+            return colour
+        return colour * interpolate(light[self.faces][..., None], face, barycentric)
 
 
 class Background(nn.Module):
@@ -121,7 +134,16 @@ class Background(nn.Module):
         super().__init__()
         self.radius = config.background_radius
         self.register_buffer("centre", centre.float().clone())
+        self._centre_on_cpu: tuple[tuple[int, int], Tensor] | None = None
         self.colour = nn.Parameter(torch.full((config.background_texture, 2 * config.background_texture, 3), START))
+
+    @property
+    def centre_on_cpu(self) -> Float[Tensor, "3"]:
+        """The centre where the host may read it; the host waits for the device only after the centre has changed."""
+        state = (id(self.centre), self.centre._version)
+        if self._centre_on_cpu is None or self._centre_on_cpu[0] != state:
+            self._centre_on_cpu = (state, self.centre.cpu())
+        return self._centre_on_cpu[1]
 
     def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
         """Linear colour of the sphere behind every pixel."""

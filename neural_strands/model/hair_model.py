@@ -230,11 +230,13 @@ class HairModel(nn.Module):
             ValueError: strands without `root_uv`.
         """
         factor = self.config.supersample
+        # Before the camera goes to the device: what is there already need not be waited for.
+        turn = self.turn(camera)
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
         body = self.body(camera, drawing.body, None if light is None else light.skin)
-        maps = self.splat_descriptors(strands, drawing.lines, camera, blur, volume, light)
-        raw = self.generate(maps, camera)
+        maps = self.splat_descriptors(strands, drawing.lines, camera, turn, blur, volume, light)
+        raw = self.generate(maps, camera, turn)
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
         alpha = torch.sigmoid(raw[..., 3] + start) * near_hair(coverage.detach())
@@ -256,6 +258,7 @@ class HairModel(nn.Module):
         strands: Strands,
         lines: LineBuffer,
         camera: Camera,
+        turn: Float[Tensor, "3 3"] | None = None,
         blur: float = 0.0,
         volume: HairVolume | None = None,
         light: LightChange | None = None,
@@ -275,7 +278,6 @@ class HairModel(nn.Module):
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
         view = functional.normalize(visible.world - camera.position, dim=1)
         around = (volume or hair_volume(strands.points)).at(visible.world)
-        turn = self._turn(camera)
         if turn is not None:
             descriptor = torch.cat([appearance, direction @ turn.T, descriptor[:, -1:]], dim=1)
             view, around = view @ turn.T, torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
@@ -289,11 +291,19 @@ class HairModel(nn.Module):
         size = (camera.height, camera.width)
         return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
 
-    def generate(self, maps: list[SplatMap], camera: Camera) -> Float[Tensor, "height width 4"]:
-        """Encoded colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation")."""
+    def generate(
+        self, maps: list[SplatMap], camera: Camera, turn: Float[Tensor, "3 3"] | None = None
+    ) -> Float[Tensor, "height width 4"]:
+        """Encoded colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation").
+
+        Args:
+            maps: of all levels.
+            camera: the view.
+            turn: what `turn` says of it.
+        """
         # Channels last from the start, which is fastest for convolutions.
         pyramid = [
-            torch.cat([_encoded(level_map.features), *self._pixel_channels(level_map, camera, level)], dim=2)
+            torch.cat([_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn)], dim=2)
             for level, level_map in enumerate(maps)
         ]
         device = self.root_uv.device.type
@@ -304,7 +314,7 @@ class HairModel(nn.Module):
         return raw[0].permute(1, 2, 0).float() + functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
 
     def _pixel_channels(
-        self, level_map: SplatMap, camera: Camera, level: int
+        self, level_map: SplatMap, camera: Camera, level: int, turn: Float[Tensor, "3 3"] | None
     ) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
         """Viewing direction of every pixel of a level, and the share of it covered by strands."""
         height, width = level_map.coverage.shape
@@ -312,12 +322,12 @@ class HairModel(nn.Module):
         column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
         centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
-        rays, turn = camera.rays(centres), self._turn(camera)
+        rays = camera.rays(centres)
         return rays if turn is None else rays @ turn.T, share.clamp(max=1.0)[..., None]
 
-    def _turn(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
+    def turn(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
         """How directions are turned before networks see them, for a camera far from all photographs."""
-        turn = turn_to_seen(camera.position.cpu() - self.background.centre.cpu(), self.seen_from)
+        turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
         return None if turn is None else turn.to(self.root_uv)
 
 

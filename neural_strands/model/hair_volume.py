@@ -74,13 +74,11 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
     coarse = points[:, ::stride].permute(2, 0, 1).contiguous()
     middle = (0.5 * (coarse[:, :, 1:] + coarse[:, :, :-1])).flatten(1)
     length = (coarse[:, :, 1:] - coarse[:, :, :-1]).flatten(1).square().sum(dim=0).sqrt()
-    kept = length.isfinite().nonzero().squeeze(1)
-    middle, length = middle.index_select(1, kept), length.index_select(0, kept)
-    if len(length) == 0:
+    box = _box(middle, length)
+    if box is None:
         empty = VoxelGrid((0.0, 0.0, 0.0), CELL, (2, 2, 2))
         return HairVolume(empty, points.new_zeros(*empty.shape, CHANNELS))
-    margin = 3 * max(WIDTHS)
-    low, high = (middle.amin(dim=1) - margin).tolist(), (middle.amax(dim=1) + margin).tolist()
+    low, high = box
     cell = max(CELL, max(end - start for start, end in zip(low, high, strict=True)) / MOST_CELLS)
     if lattice is not None and cell <= LARGER * lattice.spacing:
         cell = lattice.spacing
@@ -92,6 +90,8 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
     shape = grid.shape
     index = ((middle - middle.new_tensor(low)[:, None]) / cell).long().unbind(0)
     flat = (index[0] * shape[1] + index[1]) * shape[2] + index[2]
+    finite = length.isfinite()
+    flat, length = torch.where(finite, flat, 0), torch.where(finite, length, 0.0)
     # Metres of hair per cubic metre are strands per square metre.
     density = points.new_zeros(grid.count).index_add_(0, flat, length).view(shape) / (1e6 * cell**3)
     levels, before = [], 0.0
@@ -102,6 +102,19 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
     fall = [-slope for slope in torch.gradient(density)]
     logarithms = [torch.log(level + FAINT) for level in levels]
     return HairVolume(grid, torch.stack([*fall, *logarithms], dim=-1))
+
+
+def _box(middle: Float[Tensor, "3 piece"], length: Float[Tensor, " piece"]) -> tuple[list[float], list[float]] | None:
+    """Corners of the box around all pieces of finite length, with a margin; None if there are none.
+
+    The host waits for the device only once.
+    """
+    if len(length) == 0:
+        return None
+    finite, margin = length.isfinite(), 3 * max(WIDTHS)
+    low, high = (torch.where(finite, middle, beyond) for beyond in (torch.inf, -torch.inf))
+    corners: list[list[float]] = torch.stack([low.amin(dim=1) - margin, high.amax(dim=1) + margin]).tolist()
+    return (corners[0], corners[1]) if math.isfinite(corners[0][0]) else None
 
 
 def _blurred(volume: Float[Tensor, "x y z"], sigma: float) -> Float[Tensor, "x y z"]:

@@ -169,7 +169,7 @@ def _whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item
     return torch.nn.functional.pad(features, (0, missing)) if missing else features
 
 
-def _quads(features: Float[Tensor, "item padded"]) -> wp.array:
+def _quads(features: Float[Tensor, "item padded"]) -> Any:
     """View channels as vectors of four."""
     return kernels.array(features.contiguous().view(len(features), features.shape[1] // QUAD, QUAD), wp.vec4)
 
