@@ -1,12 +1,13 @@
 """Work that is killed at random moments and started again: `python benchmarks/kills.py OUT --kills 100`.
 
-A small fit (with its stereo) or a small preparation is first done whole. Then it is done again and again, in processes
+A small fit or a small preparation is first done whole. Then it is done again and again, in processes
 that SIGKILL ends at random moments, up to five times before one may finish. Each result must be, byte for
 byte, that of the whole one, and nothing unfinished may lie beside it. Prints one JSON document.
 """
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import signal
@@ -20,10 +21,11 @@ from random import Random
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from photographed_head import write_scene
-from tiny_capture import tiny_config, write_capture
+from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.cli.main import main as command
 from neural_strands.foundation.files import LEFTOVER
+from neural_strands.lmvs.files import save_segments
 from neural_strands.preparation.prepare import prepare
 from neural_strands.runs import run_fit
 
@@ -46,15 +48,15 @@ class Job:
 
 
 def fit_job(folder: Path) -> Job:
-    """A fit of some seconds, with stereo."""
-    write_capture(folder / "ball", views=6)
+    """A fit of some seconds, of segments that are known."""
+    save_segments(folder / "segments.npz", true_segments(write_capture(folder / "ball", views=6)))
     settings = folder / "tiny.json"
-    settings.write_text(json.dumps(asdict(tiny_config(steps=30))))
+    settings.write_text(json.dumps(asdict(tiny_config(steps=16))))
     run_fit.CHECKPOINT_SECONDS = CHECKPOINT_SECONDS
 
     def work(out: Path) -> None:
-        words = ["fit", str(folder / "ball"), str(out), "--config", str(settings), "--resume"]
-        if command(words) != 0:
+        words = ["fit", str(folder / "ball"), str(out), "--segments", str(folder / "segments.npz")]
+        if command([*words, "--config", str(settings), "--resume"]) != 0:
             raise RuntimeError("the fit did not end well")
 
     return Job(work, ("segments.npz", "model/model.safetensors", "groom.npz", "groom.usd"))
@@ -95,15 +97,16 @@ def survive(work: Callable[[], None], moments: Sequence[float]) -> int:
 
 
 def in_child(work: Callable[[], None]) -> int:
-    """Status of the work, which says nothing unless it fails."""
-    told = sys.stderr
-    with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
+    """Status of the work, of which nothing is heard unless it fails."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
         try:
             work()
+            return 0
         except Exception as error:
-            told.write(f"{type(error).__name__}: {error}\n")
-            return 1
-    return 0
+            failed = f"{type(error).__name__}: {error}"
+    sys.stderr.write(f"{said.getvalue()}{failed}\n")
+    return 1
 
 
 def contents(folder: Path, patterns: Sequence[str]) -> dict[str, bytes]:
