@@ -14,7 +14,7 @@ from mutations import mutated
 
 from neural_strands.foundation.errors import InputError
 
-INPUTS, SLOW_INPUTS = 12, 1
+INPUTS, SLOW_INPUTS = 6, 1
 
 
 @pytest.fixture(scope="module")

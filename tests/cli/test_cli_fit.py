@@ -2,10 +2,6 @@
 
 import io
 import json
-import signal
-import subprocess
-import sys
-import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -289,43 +285,3 @@ def test_a_full_disk_ends_a_fit_in_one_sentence_and_the_last_checkpoint_stays(ti
     assert {path: path.read_bytes() for path in before} == before
     assert not [path for path in (tiny / "run").iterdir() if path.name.startswith(".")]
     assert main(fit_arguments(tiny, "--resume")) == 0
-
-
-SCRIPT = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from dataclasses import replace
-from full_disk import smallest_files
-from tiny_capture import tiny_config
-from neural_strands.fitting import config as fit_config
-from neural_strands.runs import run_fit as run
-fit_config.preset = lambda _: replace(tiny_config(), steps=40)
-run.CHECKPOINT_SECONDS = 0.5
-from neural_strands.cli.main import main
-sys.exit(main(sys.argv[2:]))
-"""
-
-
-@pytest.mark.slow
-def test_a_killed_fit_resumes_and_ends_where_an_unbroken_one_ends(tiny, request):
-    support = str(request.config.rootpath / "tests" / "support")
-    arguments = fit_arguments(tiny)
-    unbroken = [*arguments[:2], str(tiny / "whole"), *arguments[3:]]
-
-    def start(words):
-        log = (tiny / "stderr.txt").open("ab")
-        with log:
-            return subprocess.Popen([sys.executable, "-c", SCRIPT, support, *words], stderr=log)
-
-    assert start(unbroken).wait(timeout=300) == 0
-    broken = start(arguments)
-    began = time.monotonic()
-    while not (tiny / "run" / "checkpoint.pt").exists() and time.monotonic() - began < 200:
-        time.sleep(0.05)
-    broken.send_signal(signal.SIGKILL)
-    broken.wait(timeout=60)
-    assert not (tiny / "run" / "groom.npz").exists()
-    assert start([*arguments, "--resume"]).wait(timeout=300) == 0
-    assert "resuming at step" in (tiny / "stderr.txt").read_text()
-    ours, theirs = read_groom(tiny / "run" / "groom.npz"), read_groom(tiny / "whole" / "groom.npz")
-    assert torch.equal(ours.vertices, theirs.vertices)

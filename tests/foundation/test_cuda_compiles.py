@@ -1,6 +1,7 @@
 """Every Warp kernel compiles for CUDA. No device is needed: NVRTC comes with Warp."""
 
 import importlib
+import os
 import pkgutil
 import sys
 from pathlib import Path
@@ -10,6 +11,9 @@ import warp as wp
 
 import neural_strands
 from neural_strands.foundation.kernels import start_warp
+
+ARCHITECTURES = os.environ.get("NEURAL_STRANDS_CUDA_ARCHITECTURES", "90").split(",")
+"""Of H100 and H200 unless told otherwise; 80 is A100's, 120 that of Blackwell for consumers."""
 
 
 def modules_with_kernels() -> list[str]:
@@ -39,3 +43,14 @@ def test_kernels_compile_for_cuda(name: str, tmp_path: Path):
     assert kernels
     missing = [kernel for kernel in kernels if not any(f".entry {kernel}" in line for line in code.splitlines())]
     assert missing == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "darwin", reason="Warp is built without CUDA for macOS")
+@pytest.mark.parametrize("arch", ARCHITECTURES)
+def test_every_kernel_becomes_machine_code(arch: str, tmp_path: Path):
+    start_warp()
+    for name in modules_with_kernels():
+        importlib.import_module(name)
+        code = wp.compile_aot_module(name, arch=int(arch), module_dir=tmp_path / name, use_ptx=False)[0].read_bytes()
+        assert code.startswith(b"\x7fELF"), name

@@ -1,4 +1,4 @@
-"""SIGKILL at a few random moments; `benchmarks/kills.py` has many."""
+"""SIGKILL at a random moment; `benchmarks/kills.py` has many."""
 
 import json
 import os
@@ -14,11 +14,11 @@ import pytest
 @pytest.mark.parametrize(("job", "files"), [("fit", 4), ("prepare", 50)])
 def test_killed_work_ends_in_the_bits_of_work_that_was_left_alone(job, files, tmp_path, request):
     program = Path(request.config.rootpath) / "benchmarks" / "kills.py"
-    words = [str(tmp_path / "out"), "--job", job, "--kills", "2", "--seed", "1"]
+    words = [str(tmp_path / "out"), "--job", job, "--kills", "1", "--seed", "1"]
     done = subprocess.run([sys.executable, str(program), *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
-    assert figures["kills"] >= 2
+    assert figures["kills"] >= 1
     assert figures["files"] >= files
     assert figures["different"] == []
     assert figures["left"] == []
