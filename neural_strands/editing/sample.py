@@ -9,6 +9,7 @@ from neural_strands.editing.hair import ScalpShape
 from neural_strands.editing.settings import Sample
 from neural_strands.foundation.errors import InputError
 from neural_strands.model.hair_model import HairModel
+from neural_strands.prior.modulator import CouplingModulator
 from neural_strands.prior.vae import load_prior
 
 COARSE = 12
@@ -40,11 +41,14 @@ def sample_style(sample: Sample, shape: ScalpShape, model: HairModel) -> ScalpSh
     field = torch.randn(1, size, COARSE, COARSE, generator=random) * sample.variety / (1 + sample.variety**2) ** 0.5
     smooth = functional.interpolate(field, size=(rows, columns), mode="bicubic", align_corners=True)[0]
     drawn = (common + smooth).permute(1, 2, 0).reshape(-1, size).to(shape.texture)
+    modulator = prior.generator.modulator
+    # The prior of the package has this one.
+    assert isinstance(modulator, CouplingModulator)
     without = not len(model.generator.modulator.state_dict())
     fitted = shape.texture.reshape(-1, size)
     if without:
-        fitted, _ = prior.generator.modulator.inverse(fitted)
+        fitted, _ = modulator.inverse(fitted)
     latent = sample.likeness * fitted + (1 - sample.likeness**2) ** 0.5 * drawn
     if without:
-        latent = prior.generator.modulator(latent)
+        latent = modulator(latent)
     return replace(shape, texture=latent.reshape(shape.texture.shape))

@@ -59,9 +59,10 @@ def _kept(mask: Bool[np.ndarray, "height width"], likely: np.ndarray) -> Bool[np
 def _connected_to(seeds: Bool[np.ndarray, "height width"], mask: np.ndarray) -> Bool[np.ndarray, "height width"]:
     """The parts of a mask that hold a seed; all seeds lie in it."""
     count, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    part = np.asarray(labels, dtype=np.int64)
     held = np.zeros(count, dtype=bool)
-    held[labels[seeds]] = True
-    return held[labels]
+    held[part[seeds]] = True
+    return held[part]
 
 
 def _opened(mask: Bool[np.ndarray, "height width"], radius: float) -> Bool[np.ndarray, "height width"]:
@@ -73,4 +74,4 @@ def _opened(mask: Bool[np.ndarray, "height width"], radius: float) -> Bool[np.nd
 
 def _distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
     """Pixels from each pixel to the mask; far where it is empty."""
-    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5))
