@@ -35,7 +35,7 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     model.seen_from = seen_from(places, model.background.centre.cpu())
     if config.initialise == "flow":
         roots, mesh = roots.to(device), data.head.mesh
-        flow = hair_flow(data.segments, data.views, mesh, roots, config.initial)
+        flow = hair_flow(data.segments, data.views, mesh, roots, config.initial, data.distance)
         latents = flow_latents(flow, roots, prior, replace(config.initial.trace, points=config.model.points))
         model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
     return model

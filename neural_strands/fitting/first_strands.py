@@ -12,6 +12,7 @@ from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions,
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
 from neural_strands.flow.tracing import TraceConfig, trace_hair
 from neural_strands.flow.unseen import UnseenConfig, guess_unseen, head_layer
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -48,17 +49,27 @@ def flow_memory(points: Float[Tensor, "point 3"], config: FlowConfig) -> int:
     return VOXEL_BYTES * grid_around(points, config.spacing, config.margin).count
 
 
-def hair_flow(segments: LineSegments, views: Views, head: Mesh, roots: Roots, config: InitialConfig) -> FlowField:
-    """Directions and extent of the hair, from segments, masks (where there are any) and the scalp."""
+def hair_flow(
+    segments: LineSegments,
+    views: Views,
+    head: Mesh,
+    roots: Roots,
+    config: InitialConfig,
+    distance: SignedDistanceGrid | None = None,
+) -> FlowField:
+    """Directions and extent of the hair, from segments, masks (where there are any) and the scalp.
+
+    The distance to the head, where it is sampled already, saves time and changes nothing.
+    """
     known = torch.cat([segments.points, roots.position])
     grid = grid_around(known, config.flow.spacing, config.flow.margin)
     index = MeshIndex(head)
     before = [HeadView.of(camera, index) for camera in views.cameras]
     masked = any(views.has_hair_mask)
     if masked:
-        domain = hair_hull(grid, _hair_masks(views, before), head, config.hull)
+        domain = hair_hull(grid, _hair_masks(views, before), head, config.hull, distance)
     else:
-        domain = covered_volume(grid, segments.points, head, config.hull)
+        domain = covered_volume(grid, segments.points, head, config.hull, distance)
     layer = head_layer(grid, before, head, config.unseen)
     domain, guess = guess_unseen(layer, grid, domain, segments, head, masked, config.unseen)
     smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow, guess)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.foundation.configs import Between
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.signed_distance import signed_distance
@@ -33,6 +34,7 @@ def hair_hull(
     views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]],
     head: Mesh,
     config: HullConfig | None = None,
+    distance: SignedDistanceGrid | None = None,
 ) -> Bool[Tensor, "x y z"]:
     """Carve the box by the hair masks of all views; the head hides what is behind it.
 
@@ -41,6 +43,7 @@ def hair_hull(
         views: each view with its hair coverage in [0, 1], read one at a time.
         head: the head mesh; voxels inside it are not hair.
         config: tolerances.
+        distance: to the head, sampled; the result is the same without it, but takes longer.
     """
     config = config or HullConfig()
     nodes = grid.nodes(head.vertices.device)
@@ -53,12 +56,16 @@ def hair_hull(
             yield Silhouette(view, covered)
 
     possible = visual_hull(grid, silhouettes(), torch.ones(grid.shape, dtype=torch.bool, device=nodes.device))
-    possible[possible.clone()] = signed_distance(nodes[possible], head).distance > -config.head_depth
+    possible[possible.clone()] = _outside_head(nodes[possible], head, distance, config.head_depth)
     return possible
 
 
 def covered_volume(
-    grid: VoxelGrid, points: Float[Tensor, "point 3"], head: Mesh, config: HullConfig | None = None
+    grid: VoxelGrid,
+    points: Float[Tensor, "point 3"],
+    head: Mesh,
+    config: HullConfig | None = None,
+    distance: SignedDistanceGrid | None = None,
 ) -> Bool[Tensor, "x y z"]:
     """The volume between the head and the points seen, for captures without masks.
 
@@ -74,8 +81,17 @@ def covered_volume(
     volume = filled.reshape(grid.shape)
     grown = torch.nn.functional.max_pool3d(volume[None, None].float(), 3, stride=1, padding=1)[0, 0] > 0
     nodes = grid.nodes(head.vertices.device)
-    grown[grown.clone()] = signed_distance(nodes[grown], head).distance > -config.head_depth
+    grown[grown.clone()] = _outside_head(nodes[grown], head, distance, config.head_depth)
     return grown
+
+
+def _outside_head(
+    points: Float[Tensor, "point 3"], head: Mesh, distance: SignedDistanceGrid | None, depth: float
+) -> Bool[Tensor, " point"]:
+    """Which points lie no deeper than `depth` metres below the head's surface."""
+    if distance is not None:
+        return distance.is_above(points, depth, head)
+    return signed_distance(points, head).distance > -depth
 
 
 def widen(mask: Float[Tensor, "height width"], radius: int) -> Float[Tensor, "height width"]:

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
+from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 POINTS_AT_ONCE = 1_000_000
@@ -51,6 +52,22 @@ class SignedDistanceGrid:
         Distances change no faster than positions.
         """
         return 0.5 * math.sqrt(3) * self.grid.spacing
+
+    def is_above(self, points: Float[Tensor, "point 3"], depth: float, mesh: Mesh) -> Bool[Tensor, " point"]:
+        """Whether each point lies outside, or less than `depth` metres inside, as exactly as `signed_distance` knows.
+
+        Only points near that depth are measured against the mesh; the grid, sampled from it, decides for the others.
+        """
+        over = self(points) + depth
+        # Where corners of a cell differ, the surface that closes an open mesh may pass, and distances jump.
+        corners = (self.values > -depth).float()[None, None]
+        mixed = torch.nn.functional.max_pool3d(corners, 2, 1) + torch.nn.functional.max_pool3d(-corners, 2, 1) != 0
+        cells = torch.tensor(mixed.shape[2:], device=points.device)
+        cell = ((points - points.new_tensor(self.grid.origin)) / self.grid.spacing).floor().long()
+        x, y, z = torch.minimum(cell.clamp(min=0), cells - 1).unbind(dim=1)
+        above, near = over > 0, mixed[0, 0, x, y, z] | (over.abs() <= self.largest_error)
+        above[near] = signed_distance(points[near], mesh).distance > -depth
+        return above
 
     def with_outward(
         self, points: Float[Tensor, "*batch 3"]

@@ -174,3 +174,16 @@ def test_nodes_of_a_grid_have_the_sign_of_the_winding_number(spacing):
     exact = signed_distance(grid.grid.nodes().reshape(-1, 3), mesh).distance.reshape(grid.grid.shape)
     torch.testing.assert_close(grid.values, exact, atol=1e-6, rtol=0)
     assert (grid.values < 0).any()
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.02])
+def test_a_grid_knows_what_lies_deeper_as_exactly_as_the_mesh(generator, depth):
+    """Also about an open neck, where the sign changes far from any surface."""
+    whole = mannequin().mesh
+    mesh = Mesh(whole.vertices, whole.faces[(whole.corners()[..., 1] > -0.26).all(dim=-1)])
+    grid = SignedDistanceGrid.build(mesh, 0.006)
+    low, high = (edge(mesh.vertices, dim=0) for edge in (torch.amin, torch.amax))
+    points = (torch.rand(20000, 3, generator=generator) * 1.4 - 0.2) * (high - low) + low
+    above = signed_distance(points, mesh).distance > -depth
+    assert torch.equal(grid.is_above(points, depth, mesh), above)
+    assert 0.5 < above.float().mean() < 0.99
