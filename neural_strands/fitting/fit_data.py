@@ -16,6 +16,7 @@ from neural_strands.fitting.trimap import Trimap, TrimapConfig, reference_alpha,
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.views import View, Views
 from neural_strands.raster.lines import rasterise_lines
@@ -24,6 +25,8 @@ from neural_strands.scalp.head import Head
 FEWEST_SEGMENT_POINTS = 500
 FARTHEST_FROM_HEAD = 0.25
 """Median distance in metres from segments to scalp beyond which they cannot be this head's hair."""
+EXACT_WITHIN = 0.01
+"""Metres from the head's surface within which a fit's distances are exact at the grid's nodes."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,11 @@ class FitData:
         if target.hair_mask is not None:
             return target.hair_mask > 0.5
         return rasterise_lines(self.segments.lines(), target.camera).segment >= 0
+
+
+def head_distance(head: Mesh) -> SignedDistanceGrid:
+    """Signed distance to the head, sampled as fits need it."""
+    return SignedDistanceGrid.build(head, exact_within=EXACT_WITHIN)
 
 
 def gather_fit_data(
@@ -81,7 +89,7 @@ def gather_fit_data(
         head=head,
         segments=segments,
         targets=OrientedTargets(segments.points, segments.directions, grid),
-        distance=SignedDistanceGrid.build(head.mesh) if distance is None else distance,
+        distance=head_distance(head.mesh) if distance is None else distance,
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
+from torch.nn import functional
 
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -14,6 +15,8 @@ from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 POINTS_AT_ONCE = 1_000_000
+COARSER = 4
+"""How many times wider the nodes lie from which distances far from the surface are interpolated."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,14 @@ class SignedDistanceGrid:
     values: Float[Tensor, "x y z"]
 
     @classmethod
-    def build(cls, mesh: Mesh, spacing: float = 0.003, margin: float = 0.02) -> "SignedDistanceGrid":
-        """Sample the mesh's box and `margin` metres around it, every `spacing` metres."""
+    def build(
+        cls, mesh: Mesh, spacing: float = 0.003, margin: float = 0.02, exact_within: float = math.inf
+    ) -> "SignedDistanceGrid":
+        """Sample the mesh's box and `margin` metres around it, every `spacing` metres.
+
+        Nodes closer to the surface than `exact_within` metres hold their exact distance, others perhaps that between
+        nodes of a grid `COARSER` times as wide: a whole body has millions of nodes.
+        """
         # The first nodes lie on the border of the box, the last ones on it or beyond.
         low = (mesh.vertices.amin(dim=0) - margin - 0.5 * spacing).tolist()
         high = (mesh.vertices.amax(dim=0) + margin + 0.5 * spacing).tolist()
@@ -38,8 +47,30 @@ class SignedDistanceGrid:
         index = MeshIndex(mesh, winding_number=True)
         nodes = grid.nodes(mesh.vertices.device).to(mesh.vertices)
         parts = nodes.reshape(-1, 3).split(POINTS_AT_ONCE)
+        if math.isfinite(exact_within):
+            wide = cls._coarser(grid, index)
+            return cls(grid, torch.cat([wide._refined(part, exact_within, index) for part in parts]).view(grid.shape))
         distance = torch.cat([index.closest(part).distance for part in parts]).reshape(grid.shape)
         return cls(grid, distance * _signs(distance, nodes, spacing, index))
+
+    @classmethod
+    def _coarser(cls, grid: VoxelGrid, index: MeshIndex) -> "SignedDistanceGrid":
+        """Exact distances at nodes `COARSER` times as wide apart as those of `grid`, over all of it."""
+        x, y, z = (max(math.ceil((size - 1) / COARSER), 1) + 1 for size in grid.shape)
+        wide = VoxelGrid(grid.origin, COARSER * grid.spacing, (x, y, z))
+        nodes = wide.nodes(index.mesh.vertices.device).to(index.mesh.vertices).reshape(-1, 3)
+        closest, sign = index.closest_signed(nodes)
+        return cls(wide, (closest.distance * sign).view(wide.shape))
+
+    def _refined(self, points: Float[Tensor, "point 3"], exact_within: float, index: MeshIndex) -> Tensor:
+        """Distances (metres) of points, exact where they may be within `exact_within` of the surface."""
+        value, is_sure = self._compared(points, 0.0)
+        near = value.abs() <= exact_within + self.largest_error
+        measured, signed = near & is_sure, ~is_sure
+        value[measured] = index.closest(points[measured]).distance * value[measured].sign()
+        closest, sign = index.closest_signed(points[signed])
+        value[signed] = closest.distance * sign
+        return value
 
     def __call__(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
         """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest point in it."""
@@ -58,16 +89,23 @@ class SignedDistanceGrid:
 
         Only points near that depth are measured against the mesh; the grid, sampled from it, decides for the others.
         """
-        over = self(points) + depth
+        over, is_sure = self._compared(points, -depth)
+        above = over > 0
+        above[~is_sure] = signed_distance(points[~is_sure], mesh).distance > -depth
+        return above
+
+    def _compared(
+        self, points: Float[Tensor, "point 3"], level: float
+    ) -> tuple[Float[Tensor, " point"], Bool[Tensor, " point"]]:
+        """How much farther out than `level` points lie (metres), and whether the sign of that is sure."""
+        over = self(points) - level
         # Where corners of a cell differ, the surface that closes an open mesh may pass, and distances jump.
-        corners = (self.values > -depth).float()[None, None]
-        mixed = torch.nn.functional.max_pool3d(corners, 2, 1) + torch.nn.functional.max_pool3d(-corners, 2, 1) != 0
+        corners = (self.values > level).float()[None, None]
+        mixed = functional.max_pool3d(corners, 2, 1) + functional.max_pool3d(-corners, 2, 1) != 0
         cells = torch.tensor(mixed.shape[2:], device=points.device)
         cell = ((points - points.new_tensor(self.grid.origin)) / self.grid.spacing).floor().long()
         x, y, z = torch.minimum(cell.clamp(min=0), cells - 1).unbind(dim=1)
-        above, near = over > 0, mixed[0, 0, x, y, z] | (over.abs() <= self.largest_error)
-        above[near] = signed_distance(points[near], mesh).distance > -depth
-        return above
+        return over, ~mixed[0, 0, x, y, z] & (over.abs() > self.largest_error)
 
     def with_outward(
         self, points: Float[Tensor, "*batch 3"]
@@ -83,7 +121,7 @@ class SignedDistanceGrid:
         little = 1e-3 * spacing
         within = torch.minimum(torch.maximum(points, first + little), last - little).reshape(-1, 3)
         value, slope = self.grid.sample_with_slope(self.values, within)
-        return value.reshape(points.shape[:-1]), torch.nn.functional.normalize(slope, dim=-1).reshape(points.shape)
+        return value.reshape(points.shape[:-1]), functional.normalize(slope, dim=-1).reshape(points.shape)
 
     def to(self, device: torch.device | str) -> "SignedDistanceGrid":
         """Move the grid to `device`."""

@@ -187,3 +187,16 @@ def test_a_grid_knows_what_lies_deeper_as_exactly_as_the_mesh(generator, depth):
     above = signed_distance(points, mesh).distance > -depth
     assert torch.equal(grid.is_above(points, depth, mesh), above)
     assert 0.5 < above.float().mean() < 0.99
+
+
+def test_far_from_the_surface_a_grid_may_be_interpolated():
+    """Near it every node is exact, also about an open neck; elsewhere it is off by no more than a wide cell."""
+    whole = mannequin().mesh
+    mesh = Mesh(whole.vertices, whole.faces[(whole.corners()[..., 1] > -0.26).all(dim=-1)])
+    grid = SignedDistanceGrid.build(mesh, 0.006, exact_within=0.01)
+    exact = signed_distance(grid.grid.nodes().reshape(-1, 3), mesh).distance.reshape(grid.grid.shape)
+    near = exact.abs() < 0.01
+    torch.testing.assert_close(grid.values[near], exact[near], atol=1e-6, rtol=0)
+    error = (grid.values - exact).abs()[~near]
+    assert error.max() < 4 * grid.largest_error
+    assert (error > 1e-6).float().mean() > 0.1
