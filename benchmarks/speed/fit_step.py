@@ -22,6 +22,7 @@ from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit, step_generator
 from neural_strands.fitting.fit_data import FitData, gather_fit_data, random_region
 from neural_strands.fitting.losses import coverage_loss, head_penalty, surface_loss
+from neural_strands.fitting.seen_points import seen_points
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import Strands, directions
@@ -63,6 +64,7 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
     strands = model.decode(config.step_points, index=index).points.detach()
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     others = state.remembered[config.strands_per_step :].reshape(-1, 3)
+    seen = seen_points(model, state.remembered, data.views.cameras)[index].reshape(-1)
     target, _ = random_region(
         data, 0, config.crop, model.config.unet.stride, config.trimap, step_generator(config, 0, 1)
     )
@@ -79,7 +81,8 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
 
     parts = {
         "decode some strands, forward and backward": decode_backward,
-        "surface loss": lambda: surface_loss(points, along, data.targets, config.chamfer),
+        "surface loss": lambda: surface_loss(points, along, seen, data.targets, config.chamfer),
+        "which points views see": lambda: seen_points(model, state.remembered, data.views.cameras),
         "coverage loss": lambda: coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
         "head penalty": lambda: head_penalty(strands, data.distance, config.clearance),
         "decode all strands": model.decode,

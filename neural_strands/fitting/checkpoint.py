@@ -48,7 +48,7 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     state.model.load_state_dict(content["model"], strict=False)
     state.optimiser.load_state_dict(content["optimiser"])
     state.remembered, state.drawn = content["remembered"].to(device), content["drawn"].to(device)
-    state.first = content["first"].to(device)
+    state.first, state.seen = content["first"].to(device), content["seen"].to(device)
     state.step = content["step"]
 
 
@@ -79,6 +79,7 @@ def _content(state: FitState) -> dict[str, Any]:
         "remembered": state.remembered,
         "drawn": state.drawn,
         "first": state.first,
+        "seen": state.seen,
         "step": state.step,
     }
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import Parameter
 
@@ -27,6 +27,7 @@ from neural_strands.fitting.schedule import (
     rate_factor,
     released_points,
 )
+from neural_strands.fitting.seen_points import seen_points
 from neural_strands.fitting.strand_width import estimate_width
 from neural_strands.fitting.surround_weights import surround_weights
 from neural_strands.foundation.interrupts import deferred_interrupt
@@ -37,6 +38,8 @@ from neural_strands.raster.lines import rasterise_lines
 
 REFRESH_EVERY = 10
 """Number of shape steps after which all remembered strands are decoded again, not only those of the step."""
+LOOK_EVERY = 20
+"""Number of shape steps after which the views are asked again which points they see."""
 
 
 @dataclass
@@ -49,6 +52,7 @@ class FitState:
         remembered: all strands as they were last decoded, `step_points` each.
         drawn: all strands as images see them, `model.points` each.
         first: all strands as they started, `step_points` each.
+        seen: which of the remembered points some view saw when it was last asked.
         step: number of steps done.
     """
 
@@ -57,6 +61,7 @@ class FitState:
     remembered: Float[Tensor, "root point 3"]
     drawn: Float[Tensor, "root drawn_point 3"]
     first: Float[Tensor, "root point 3"]
+    seen: Bool[Tensor, "root point"]
     step: int = 0
 
 
@@ -77,7 +82,8 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
     optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
     with torch.no_grad():
         first = model.decode(config.step_points).points
-        return FitState(model, optimiser, first.clone(), model.decode().points, first)
+        seen = torch.ones(first.shape[:2], dtype=torch.bool, device=first.device)
+        return FitState(model, optimiser, first.clone(), model.decode().points, first, seen)
 
 
 def fit(
@@ -155,6 +161,12 @@ def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
     return torch.Generator().manual_seed((config.seed * 1_000_003 + step) * 1_009 + place)
 
 
+def _shape_steps(step: int, config: FitConfig) -> int:
+    """Number of steps before this one, in which the shape moves, that moved it too."""
+    images_from = appearance_begins(config.steps, config.schedule)
+    return step if step < images_from else images_from + (step - images_from) // config.shape_every
+
+
 def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, Tensor]:
     """Geometric loss and head penalty of some strands; every process computes the same and adds its share."""
     model, device = state.model, state.remembered.device
@@ -163,8 +175,10 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
     blur = blur_width(state.step, config.steps, config.schedule)
     released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
+    if _shape_steps(state.step, config) % LOOK_EVERY == 0:
+        state.seen = seen_points(model, state.remembered, data.views.cameras)
     strands = hold_unreleased(model.decode(config.step_points, blur, index).points, released)
-    losses = shape_losses(strands, index, state.remembered, state.first, data, chosen, config)
+    losses = shape_losses(strands, index, state.remembered, state.first, state.seen, data, chosen, config)
     weights = config.weights
     total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
     if config.initialise == "flow":

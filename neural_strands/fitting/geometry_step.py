@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.fitting.config import FitConfig
@@ -40,6 +40,7 @@ def shape_losses(
     index: Int64[Tensor, " some"],
     remembered: Float[Tensor, "root point 3"],
     first: Float[Tensor, "root point 3"],
+    seen: Bool[Tensor, "root point"],
     data: FitData,
     chosen: Int64[Tensor, " target"],
     config: FitConfig,
@@ -48,13 +49,23 @@ def shape_losses(
 
     Segments look for their nearest point among all strands, remembered ones included, so that a strand only has to
     cover what no other strand covers better; only matches with the decoded strands carry a gradient.
+
+    Args:
+        strands: decoded with a gradient.
+        index: which they are.
+        remembered: all strands as they were last decoded.
+        first: all strands as they started.
+        seen: which points of all strands some view sees.
+        data: segments and head.
+        chosen: points of the segments in this step.
+        config: weights, radii and clearance.
     """
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     rest = torch.ones(len(remembered), dtype=torch.bool, device=index.device)
     rest[index] = False
     others = remembered[rest].reshape(-1, 3)
     return ShapeLosses(
-        surface_loss(points, along, data.targets, config.chamfer),
+        surface_loss(points, along, seen[index].reshape(-1), data.targets, config.chamfer),
         coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
         head_penalty(strands, data.distance, config.clearance),
         holding_loss(strands, first[index], config.chamfer.unit),

@@ -55,15 +55,24 @@ class OrientedTargets:
 def surface_loss(
     points: Float[Tensor, "x 3"],
     directions: Float[Tensor, "x 3"],
+    seen: Bool[Tensor, " x"],
     targets: OrientedTargets,
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
     """Generated points against their nearest segment (paper, L_geo, first sum), as a mean.
 
-    Only points near the visible surface count: hidden hair has no segment to lie on.
+    Only points that a view sees and that lie near a segment count: hidden hair has no segment to lie on, and pulled to
+    those above it, it leaves a gap.
+
+    Args:
+        points: generated points.
+        directions: their unit directions.
+        seen: whether any view sees them.
+        targets: the line segments.
+        config: radii and unit.
     """
     distance, index = nearest(points.detach(), targets.grid, config.surface_radius)
-    near = torch.nonzero(torch.isfinite(distance)).squeeze(1)
+    near = torch.nonzero(torch.isfinite(distance) & seen).squeeze(1)
     index = index[near]
     return _mean_misfit(points[near], directions[near], targets.points[index], targets.directions[index], config)
 

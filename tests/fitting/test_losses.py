@@ -47,8 +47,10 @@ def test_surface_loss_is_the_naive_loop(generator):
     y, dy = oriented(80, generator)
     for signed in (False, True):
         config = ChamferConfig(surface_radius=0.008, unit=0.003, signed=signed)
-        ours = surface_loss(x, dx, targets_of(y, dy), config)
-        torch.testing.assert_close(float(ours), naive(x, dx, y, dy, 0.008, 0.003, signed), atol=1e-4, rtol=1e-4)
+        for seen in (torch.ones(60, dtype=torch.bool), torch.arange(60) % 3 == 0):
+            ours = surface_loss(x, dx, seen, targets_of(y, dy), config)
+            expected = naive(x[seen], dx[seen], y, dy, 0.008, 0.003, signed)
+            torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
 
 
 def test_coverage_loss_is_the_naive_loop_the_other_way(generator):
@@ -79,7 +81,7 @@ def test_gradients_pull_points_together_and_turn_directions():
     x = torch.tensor([[0.0, 0.0, 0.0]], requires_grad=True)
     dx = torch.tensor([[0.6, 0.8, 0.0]], requires_grad=True)
     target = targets_of(torch.tensor([[0.001, 0.0, 0.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
-    surface_loss(x, dx, target, ChamferConfig()).backward()
+    surface_loss(x, dx, torch.tensor([True]), target, ChamferConfig()).backward()
     assert float(x.grad[0, 0]) < 0  # descending moves the point towards +x
     torch.testing.assert_close(dx.grad, torch.tensor([[0.0, -1.0, 0.0]]))
 

@@ -1,0 +1,34 @@
+"""Which points of the strands the photographs show."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.lines import rasterise_lines
+
+
+@torch.no_grad()
+def seen_points(
+    model: HairModel, strands: Float[Tensor, "strand point 3"], cameras: Sequence[Camera]
+) -> Bool[Tensor, "strand point"]:
+    """Points at an end of a segment that lies in front in some pixel of some view.
+
+    Args:
+        model: its body hides what is behind it.
+        strands: world metres.
+        cameras: of the views.
+    """
+    count, points = strands.shape[:2]
+    nothing = count * (points - 1)
+    front = torch.zeros(nothing + 1, dtype=torch.bool, device=strands.device)
+    lines = replace(model.lines, width=0.0)
+    for camera in cameras:
+        segment = rasterise_lines(strands, camera, model.body(camera).depth, lines).segment
+        front.index_fill_(0, torch.where(segment >= 0, segment, nothing).reshape(-1), True)
+    between = front[:-1].reshape(count, points - 1)
+    return torch.nn.functional.pad(between, (1, 0)) | torch.nn.functional.pad(between, (0, 1))
