@@ -40,8 +40,8 @@ def check_head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Int64
     path = head_path(capture.folder, given)
     if path is None:
         action = (
-            "put the fitted head there as head.obj, name it with --head when you check and when you fit, or make the "
-            "capture with `neural-strands prepare`, which fits one"
+            "fit one with `neural-strands fit-head`, put one there as head.obj, or name it with --head when you "
+            "check and when you fit"
         )
         return None, None, Finding("head", "error", "no head mesh", action)
     try:

@@ -42,6 +42,6 @@ def find_head(capture: Capture, given: Path | None = None) -> Head:
     if file is None:
         raise InputError(
             f"{capture.folder}: expected head.obj (the head in the cameras' frame, metres), found none; "
-            "put one there or name it with --head."
+            "fit one with `neural-strands fit-head`, put one there, or name it with --head."
         )
     return chart_head(file)

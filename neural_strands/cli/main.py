@@ -34,6 +34,7 @@ class Entry(NamedTuple):
 
 COMMANDS = {
     "prepare": Entry("prepare:Prepare", "turn photographs into a capture"),
+    "fit-head": Entry("fit_head:FitHead", "fit a head to a capture that has none"),
     "check": Entry("check:Check", "say what is in a capture and what is wrong with it"),
     "fit": Entry("fit:Fit", "reconstruct the hair of a capture"),
     "evaluate": Entry("evaluate:Evaluate", "score a fit and write its report"),

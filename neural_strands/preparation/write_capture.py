@@ -1,6 +1,5 @@
 """The last step: pictures, masks, head and cameras where a capture has them."""
 
-import json
 import os
 import shutil
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
+from neural_strands.capture.writer import CaptureWriter
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import IMAGES, write_transforms
@@ -54,13 +54,7 @@ class CaptureFiles:
             for file in there:
                 with atomic_file(out / kind / file.name) as path:
                     _share(file, path)
-        mesh = self.head.mesh
-        with atomic_file(out / "head.obj") as path:
-            vertices = ["v {:.7g} {:.7g} {:.7g}\n".format(*vertex) for vertex in mesh.vertices.tolist()]
-            faces = ["f {} {} {}\n".format(*corners) for corners in (mesh.faces + 1).tolist()]
-            path.write_text("".join([*vertices, *faces]), encoding="utf-8")
-        with atomic_file(out / "scalp_faces.json") as path:
-            path.write_text(json.dumps(self.scalp.tolist()), encoding="utf-8")
+        CaptureWriter(out).write_head(self.head.mesh, self.scalp)
         with atomic_file(out / "transforms.json") as path:
             write_transforms(path, self.cameras)
 

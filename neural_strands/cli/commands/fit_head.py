@@ -1,0 +1,63 @@
+"""`neural-strands fit-head`: a head for a capture that has none."""
+
+import json as json_module
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from neural_strands.cli.commands.fit import say
+from neural_strands.foundation.errors import InputError
+
+
+@dataclass(frozen=True)
+class FitHead:
+    """Fit a head with a scalp to the face in the photographs of a capture that comes without one.
+
+    The head lies where the cameras see it, so their scale must be right: metres, unless --scale says otherwise.
+    `fit CAPTURE RUN --head OUT/head.obj` uses it, and so does every command that takes --head.
+    """
+
+    capture: Annotated[Path, tyro.conf.Positional]
+    """Folder of the capture."""
+    out: Annotated[Path, tyro.conf.Positional]
+    """Folder for head.obj and scalp_faces.json; the capture's own folder is as good as any."""
+    template: Path | None = None
+    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl; the mannequin if left out."""
+    scalp: Path | None = None
+    """The template's scalp: a chart, a list of faces or a painted mask; found from the shape by default."""
+    landmarks: Path | None = None
+    """Landmarks set by hand, instead of finding the face: JSON, {photograph: {landmark: [x, y]}}, pixels."""
+    detector: Path | None = None
+    """Python that has the package mediapipe, if this one has not."""
+    face_model: Path | None = None
+    """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which brings its models."""
+    scale: float = 1.0
+    """Metres in one unit of the cameras."""
+    bend: bool = True
+    """Bend the template to the person's face and outline; otherwise it keeps its shape."""
+    json: bool = False
+    """Print the figures as one JSON object."""
+
+    def run(self) -> None:
+        """Fit, saying what happens on standard error, and write the head."""
+        from neural_strands.capture.capture import Capture
+        from neural_strands.capture.writer import CaptureWriter
+        from neural_strands.preparation.face.detector import Detector
+        from neural_strands.preparation.head.fit import KnownSize
+        from neural_strands.preparation.head_of_capture import HeadRequest, head_of_capture
+
+        if not 1e-6 <= self.scale <= 1e6:
+            raise InputError(f"--scale: expected 1e-06 to 1e+06, found {self.scale:g}.")
+        if (self.out / "head.obj").exists():
+            raise InputError(f"{self.out / 'head.obj'}: expected no head yet, found one; name another folder.")
+        size, detector = KnownSize(self.scale), Detector(self.detector, self.face_model)
+        request = HeadRequest(self.landmarks, self.template, self.scalp, size, detector, self.bend)
+        found = head_of_capture(Capture.load(self.capture), request, say)
+        CaptureWriter(self.out).write_head(found.mesh, found.scalp)
+        if self.json:
+            sys.stdout.write(json_module.dumps({**found.figures, "scalp_faces": len(found.scalp)}) + "\n")
+            return
+        sys.stdout.write(f"{self.out / 'head.obj'}: {len(found.mesh.vertices)} vertices\n")

@@ -1,0 +1,136 @@
+"""A head for a capture that has cameras but no head: a template fitted to the faces in its photographs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Int64
+from torch import Tensor
+
+from neural_strands.capture.capture import Capture
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
+from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.files import read_marks
+from neural_strands.preparation.head.builtin import builtin_template
+from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
+from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.template import Template, find_landmarks, load_template
+from neural_strands.preparation.masks.hair import vote_on
+from neural_strands.preparation.masks.zones import ZonedHead
+from neural_strands.preparation.photographs.folder import write_picture
+from neural_strands.preparation.write_capture import person_scalp
+
+
+@dataclass(frozen=True)
+class HeadRequest:
+    """How to find a capture's head.
+
+    Attributes:
+        landmarks: landmarks set by hand; detected if None.
+        template: a head mesh; the built-in one if None.
+        scalp: the template's scalp; found if None.
+        size: what the user measured; the cameras' unit is a metre if nothing is said of it.
+        detector: finds faces.
+        bend: whether the template is bent to the person, or keeps its shape.
+    """
+
+    landmarks: Path | None = None
+    template: Path | None = None
+    scalp: Path | None = None
+    size: KnownSize = field(default_factory=lambda: KnownSize(metres_per_unit=1.0))
+    detector: Detector = field(default_factory=Detector)
+    bend: bool = True
+
+
+@dataclass(frozen=True)
+class CaptureHead:
+    """A head where a capture's cameras see it.
+
+    Attributes:
+        mesh: in the cameras' frame and unit.
+        scalp: its faces that hair grows from.
+        figures: what was measured on the way.
+    """
+
+    mesh: Mesh
+    scalp: Int64[Tensor, " scalp"]
+    figures: dict[str, Any]
+
+
+def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str], None]) -> CaptureHead:
+    """Fit a template to the faces in a capture's photographs.
+
+    Masks of the person bend it; masks of the hair say where the scalp ends.
+
+    Args:
+        capture: photographs and cameras.
+        request: what is known.
+        say: takes sentences for the user.
+
+    Raises:
+        InputError: an input is missing or wrong, or the views do not agree on one face.
+    """
+    if request.landmarks is None or request.template is not None:
+        request.detector.check()
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        calibration = _calibration(capture, folder)
+        names = [camera.name or f"{index:04d}" for index, camera in enumerate(capture.cameras)]
+        if request.landmarks is not None:
+            faces = read_marks(request.landmarks, names)
+        else:
+            faces = request.detector.detect(calibration.pictures)
+            say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
+        outlines = _person_masks(capture, folder) if request.bend else None
+        fitted = fit_head(calibration, faces, _template(request, folder), request.size, outlines, say)
+    back = fitted.frame.inverse()
+    mesh = fitted.head.mesh
+    vertices = back.apply(mesh.vertices.double()).to(mesh.vertices)
+    return CaptureHead(replace(mesh, vertices=vertices), _scalp(capture, fitted), fitted.figures)
+
+
+def _template(request: HeadRequest, folder: Path) -> Template:
+    if request.template is None:
+        return builtin_template()
+    head = load_template(request.template, request.scalp)
+    return find_landmarks(head, request.detector, folder, str(request.template))
+
+
+def _calibration(capture: Capture, folder: Path) -> Calibration:
+    """The capture's undistorted photographs as files, with their cameras."""
+    pictures = []
+    for index in range(len(capture)):
+        pictures.append(folder / f"{index:04d}.png")
+        write_picture(pictures[-1], _bytes(capture.image(index)))
+    return Calibration(capture.cameras, tuple(pictures), SparsePoints.none())
+
+
+def _person_masks(capture: Capture, folder: Path) -> list[Path | None]:
+    """The capture's masks of the person as files; None where there is none."""
+    files: list[Path | None] = []
+    for index in range(len(capture)):
+        mask = capture.person_mask(index)
+        files.append(None if mask is None else folder / f"person_{index:04d}.png")
+        if mask is not None:
+            write_picture(folder / f"person_{index:04d}.png", _bytes(mask))
+    return files
+
+
+def _scalp(capture: Capture, fitted: FittedHead) -> Int64[Tensor, " scalp"]:
+    """The template's scalp without what the capture's hair masks show bare."""
+    world = cameras_in_world(capture.cameras, fitted.frame)
+    masks = {index: mask for index in range(len(capture)) if (mask := capture.hair_mask(index)) is not None}
+    if not masks:
+        return fitted.head.scalp_faces
+    zoned = ZonedHead.of(fitted.head, fitted.landmarks)
+    hair = vote_on([world[index] for index in masks], zoned, [_bytes(mask) for mask in masks.values()])
+    return person_scalp(fitted.head, hair.vote)
+
+
+def _bytes(values: Tensor) -> np.ndarray:
+    return (values.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
