@@ -50,9 +50,9 @@ COMMANDS = {
     "head": Entry("head:HeadCheck", "find or check the scalp of a head"),
     "lmvs": Entry("lmvs:Lmvs", "line-based multi-view stereo alone"),
     "synthesize": Entry("synthesize:Synthesize", "render a capture with true strands"),
-    "train-prior": Entry("train_prior:TrainPrior", "train the strand prior"),
-    "prior-report": Entry("prior_report:PriorReport", "say how well the prior keeps a groom"),
-    "prior-traverse": Entry("prior_traverse:PriorTraverse", "draw the prior's latent space"),
+    "train-prior": Entry("prior.train:TrainPrior", "train the strand prior"),
+    "prior-report": Entry("prior.report:PriorReport", "say how well the prior keeps a groom"),
+    "prior-traverse": Entry("prior.traverse:PriorTraverse", "draw the prior's latent space"),
 }
 """The commands, in the order in which help lists them."""
 
