@@ -42,6 +42,7 @@ COMMANDS = {
     "edit": Entry("edit:Edit", "cut fitted hair, or change it otherwise"),
     "export": Entry("export:Export", "write hair for Blender, Unreal, web pages and other programs"),
     "view": Entry("view:View", "show a run, a groom or a capture in the browser"),
+    "batch": Entry("batch:Batch", "reconstruct many subjects on one machine or many"),
     "demo": Entry("demo:Demo", "make a small capture, reconstruct it and score it"),
     "info": Entry("info:Info", "say what a groom holds"),
     "convert": Entry("convert:Convert", "convert a groom into another format"),

@@ -20,12 +20,14 @@ class Table:
         heads: one per column.
         rows: cells, as many as heads.
         note: a sentence below.
+        links: where the first cell of each row leads; empty where nowhere. None at all for a table without links.
     """
 
     title: str
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
+    links: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

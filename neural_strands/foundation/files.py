@@ -82,17 +82,21 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def sole_writer(folder: Path) -> Iterator[None]:
+def sole_writer(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Let no other process write to a folder, and remove what one that was killed left unfinished in it.
 
     The system frees the lock when its process ends, however it ends.
+
+    Args:
+        folder: made if it is absent.
+        patience: seconds to wait for another process to end.
 
     Raises:
         InputError: another process writes to the folder, or the folder cannot be written to.
     """
     import filelock
 
-    lock = filelock.FileLock(folder / LOCK, blocking=False)
+    lock = filelock.FileLock(folder / LOCK, timeout=patience)
     absent = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

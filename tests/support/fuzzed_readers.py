@@ -16,6 +16,9 @@ import trimesh
 from torch import Tensor
 from workspace import write_workspace
 
+from neural_strands.batch.records import StageRecord, read_records, write_record, write_subject
+from neural_strands.batch.storage import Store
+from neural_strands.batch.subjects import Subject, read_subjects
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.colmap import (
     read_cameras_binary,
@@ -197,12 +200,30 @@ METASHAPE = """<?xml version="1.0"?><document version="1.5.0"><chunk label="Chun
 <camera id="1" sensor_id="0" label="B"/></cameras></chunk></document>"""
 
 
+SUBJECTS = """[defaults]
+preset = "demo"
+config.weights.alpha = 0.3
+[resources.fit]
+cores = 4
+gpu = 0.5
+[subjects.bob]
+photographs = "photos/bob"
+prepare = {pupil_distance = 63, landmarks = "bob.json"}
+[subjects.eve]
+capture = "s3://heads/eve"
+"""
+
+
 def _write_settings(folder: Path) -> None:
     folder.mkdir()
     write_edits(folder / "edits.json", [Haircut(plane=(0.0, 1.0, 0.0, 0.0, 1.0, 0.0), seed=4), Density(50)])
     (folder / "fit.json").write_text(json.dumps(asdict(FitConfig())))
     (folder / "fit.toml").write_text("steps = 20\nseed = 3\n[model.unet]\nwidths = [8, 16]\n[weights]\nrender = 0.5\n")
     strokes = [{"points": [[0, 0, 0], [0, 0.1, 0]]}, {"view": "000.png", "points": [[3, 4], [5, 6.5]]}]
+    (folder / "subjects.toml").write_text(SUBJECTS)
+    store, subject = Store(str(folder)), Subject("eve", "ball", prepared=True)
+    write_subject(store, subject)
+    write_record(store, StageRecord("lmvs", 3.5, 10**9, "node", {"points": 7.0}))
     (folder / "strokes.json").write_text(json.dumps(strokes))
 
 
@@ -257,6 +278,11 @@ def _fitted(path: Path) -> object:
     return _finite({**fitted.figures}, fitted.head.mesh.vertices)
 
 
+def _records(path: Path) -> object:
+    folder = next(parent for parent in path.parents if (parent / "subject.json").is_file())
+    return read_records(Store(str(folder)), Subject("eve", "ball", prepared=True))
+
+
 def _strokes(path: Path) -> object:
     return read_strokes(path, (Camera(torch.eye(3), torch.eye(4), 64, 64, "000.png"),))
 
@@ -309,6 +335,9 @@ READERS = (
     FuzzedReader("edits", "settings/edits.json", read_edits),
     FuzzedReader("settings .json", "settings/fit.json", lambda path: read_fit_config(path, FitConfig())),
     FuzzedReader("settings .toml", "settings/fit.toml", lambda path: read_fit_config(path, FitConfig())),
+    FuzzedReader("subjects", "settings/subjects.toml", read_subjects),
+    FuzzedReader("subject's settings", "settings/subject.json", _records),
+    FuzzedReader("subject's record", "settings/stages/lmvs.json", _records),
     FuzzedReader("Metashape", "preparation/cameras.xml", read_metashape),
     FuzzedReader(
         "RealityCapture", "preparation/cameras.csv", lambda path: read_reality_capture(path, {"a": (600, 400)})

@@ -43,7 +43,7 @@ class ReportPage(HTMLParser):
         within = self._inside[-1] if self._inside else ""
         if within == "h2":
             self._heading += data
-        elif within in ("td", "th"):
+        elif within in ("td", "th", "a"):
             self.tables[self._heading][-1][-1] += data
 
 

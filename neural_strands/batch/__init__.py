@@ -1,0 +1,1 @@
+"""Many subjects on one or many machines: every stage of every subject is a task that a Ray cluster runs."""

@@ -1,0 +1,127 @@
+"""What a batch keeps beside a subject's results: its settings, and a record of every stage that is done."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from neural_strands.batch.storage import Store
+from neural_strands.batch.subjects import STAGES, Stage, Subject
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.json_files import JsonValue, check_format, parse_json
+
+FORMAT = 1
+"""Version of the files' layout."""
+SUBJECT = "subject.json"
+ADVICE = "remove the subject's folder, and it is done anew"
+MOST_FIGURES = 100
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """How a stage went.
+
+    Attributes:
+        stage: which.
+        seconds: from its start to its end, in the attempt that finished it.
+        peak_bytes: largest memory of its process.
+        node: where it ran.
+        figures: what is worth a place in the summary.
+    """
+
+    stage: Stage
+    seconds: float
+    peak_bytes: int
+    node: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+def record_name(stage: Stage) -> str:
+    """Name of the file of a stage's record, in the subject's folder."""
+    return f"stages/{stage}.json"
+
+
+def write_record(store: Store, record: StageRecord) -> None:
+    """Write the record of a stage that is done.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    store.write(record_name(record.stage), _bytes({"format": FORMAT, **asdict(record)}))
+
+
+def read_record(store: Store, stage: Stage) -> StageRecord | None:
+    """The record of a stage, or None if it is not done.
+
+    Raises:
+        InputError: the record is damaged.
+    """
+    written = _read(store, record_name(stage), "the record of a stage")
+    if written is None:
+        return None
+    found = written.member("stage").choice(STAGES)
+    if found != stage:
+        raise written.member("stage").refuse(stage)
+    figures = written.member("figures").members()
+    if len(figures) > MOST_FIGURES:
+        raise written.member("figures").refuse(f"at most {MOST_FIGURES} figures")
+    return StageRecord(
+        stage,
+        written.member("seconds").number(0.0),
+        written.member("peak_bytes").whole(0, 2**60),
+        written.member("node").text(),
+        {name: value.number() for name, value in figures.items()},
+    )
+
+
+def read_records(store: Store, subject: Subject) -> dict[Stage, StageRecord]:
+    """Records of the stages of a subject that are done, up to the first that is not.
+
+    Raises:
+        InputError: a record is damaged, or what is there was made with other settings.
+    """
+    records: dict[Stage, StageRecord] = {}
+    for stage in subject.stages:
+        record = read_record(store, stage)
+        if record is None:
+            break
+        records[stage] = record
+    # Without a record nothing is built on other settings: each stage compares its inputs itself when it goes on.
+    if records:
+        _check_same(store, subject)
+    return records
+
+
+def _check_same(store: Store, subject: Subject) -> None:
+    written = _read(store, SUBJECT, "the settings of a subject")
+    if written is None:
+        raise InputError(f"{store.place}: expected {SUBJECT} beside the records of stages, found none; {ADVICE}.")
+    ours = json.loads(json.dumps(subject.as_dict()))
+    stored = written.member("subject").members()
+    for name, value in ours.items():
+        if name not in stored or stored[name].value != value:
+            raise InputError(
+                f"{store.place}: its results began with another {name} than the file of subjects has now; restore "
+                "that, or name another folder."
+            )
+
+
+def write_subject(store: Store, subject: Subject) -> None:
+    """Write the settings with which a subject begins.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    store.write(SUBJECT, _bytes({"format": FORMAT, "subject": subject.as_dict()}))
+
+
+def _bytes(document: dict[str, Any]) -> bytes:
+    return (json.dumps(document, indent=1) + "\n").encode()
+
+
+def _read(store: Store, name: str, what: str) -> JsonValue | None:
+    content = store.read(name, what)
+    if content is None:
+        return None
+    written = parse_json(content.decode("utf-8", errors="replace"), f"{store.place}: {name}", what, ADVICE)
+    check_format(written, FORMAT)
+    return written
