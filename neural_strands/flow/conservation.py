@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.flow.faces import behind_faces, face_neighbours
+from neural_strands.flow.faces import behind_faces, face_neighbours, neighbour_sum
 from neural_strands.flow.field import FlowField
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.voxel_grid import VoxelGrid
@@ -164,7 +164,7 @@ def without_divergence(
     for _ in range(iterations):
         if not float(residual.norm()) > enough:
             break
-        applied = degree * step - behind(step).sum(dim=1)
+        applied = degree * step - neighbour_sum(step[:, None], cells.neighbours)[:, 0]
         length = product / (step @ applied)
         pressure, residual = pressure + length * step, residual - length * applied
         before, product = product, residual @ (inverse * residual)

@@ -4,13 +4,16 @@ import torch
 from jaxtyping import Bool, Float, Int64, Shaped
 from torch import Tensor
 
+from neural_strands.flow.kernels.faces import sum_kernel
+from neural_strands.foundation import kernels
+
 
 def face_neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
     """The domain's voxel behind each face (see `behind_faces`) of its voxels, numbered; their count for none."""
     count = int(domain.sum())
     number = torch.full(domain.shape, count, device=domain.device)
     number[domain] = torch.arange(count, device=domain.device)
-    return behind_faces(number, domain, count)
+    return behind_faces(number, domain, count).contiguous()
 
 
 def behind_faces(
@@ -23,10 +26,39 @@ def behind_faces(
     return padded[behind[..., 0], behind[..., 1], behind[..., 2]]
 
 
-def neighbour_mean(
+def neighbour_sum(
     values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
 ) -> Float[Tensor, "cell channel"]:
-    """Mean over the cells behind each cell's faces (see `face_neighbours`); a cell without any keeps its own value."""
-    count = (neighbours < len(values)).sum(dim=1, keepdim=True)
+    """Sum over the cells behind each cell's faces (see `face_neighbours`); no gradient passes."""
+    if values.dtype != torch.float32:
+        return neighbour_sum_reference(values, neighbours)
     padded = torch.cat([values, values.new_zeros(1, values.shape[1])])
-    return torch.where(count > 0, padded[neighbours].sum(dim=1) / count.clamp(min=1), values)
+    sums = kernels.zeros(values.shape, torch.float32, values.device)
+    inputs = [kernels.array(tensor) for tensor in (padded, neighbours, sums)]
+    kernels.launch_split(sum_kernel, len(values), inputs, values.device)
+    return sums
+
+
+def neighbour_sum_reference(
+    values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
+) -> Float[Tensor, "cell channel"]:
+    """The twin of `neighbour_sum` in plain torch."""
+    return torch.cat([values, values.new_zeros(1, values.shape[1])])[neighbours].sum(dim=1)
+
+
+def neighbour_mean(
+    values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"], count: Int64[Tensor, " cell"]
+) -> Float[Tensor, "cell channel"]:
+    """Mean over the cells behind each cell's faces; a cell without any keeps its own value.
+
+    Args:
+        values: of the cells.
+        neighbours: as from `face_neighbours`.
+        count: of each cell's neighbours: `neighbour_count(neighbours)`.
+    """
+    return torch.where(count[:, None] > 0, neighbour_sum(values, neighbours) / count[:, None].clamp(min=1), values)
+
+
+def neighbour_count(neighbours: Int64[Tensor, "cell 6"]) -> Int64[Tensor, " cell"]:
+    """Number of cells behind each cell's faces."""
+    return (neighbours < len(neighbours)).sum(dim=1)

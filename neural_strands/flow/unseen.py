@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.flow.faces import face_neighbours, neighbour_mean
+from neural_strands.flow.faces import face_neighbours, neighbour_count, neighbour_mean
 from neural_strands.flow.filling import average, pull_push
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.line_segments import LineSegments
@@ -288,6 +288,7 @@ def lying_directions(
     fixed = weight > 0
     cells = torch.nonzero((about | fixed).reshape(-1)).squeeze(1)
     neighbours = face_neighbours(about | fixed)
+    count = neighbour_count(neighbours)
     start = pull_push(known, fixed.to(known)).reshape(-1, 3)
     value, rise = start[cells], climbing(thickness, layer.distance, config)
     place = OverHead(layer.outward.reshape(-1, 3), layer.distance.reshape(-1), rise.reshape(-1)).select(cells)
@@ -297,7 +298,7 @@ def lying_directions(
     # Mean of neighbours and a pull: a screened Poisson equation, whose solutions fall off over this distance.
     pull = (layer.grid.spacing / config.gravity_reach) ** 2 / 6
     for _ in range(config.sweeps):
-        mean = neighbour_mean(value, neighbours)
+        mean = neighbour_mean(value, neighbours, count)
         lying = along_head(mean + pull * down, place)
         value = torch.where(is_fixed, given, torch.where(is_unseen, lying, mean))
     return start.index_copy(0, cells, value).reshape(*layer.grid.shape, 3)
@@ -334,9 +335,10 @@ def harmonic(
     domain = domain | fixed
     cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
     neighbours = face_neighbours(domain)
+    count = neighbour_count(neighbours)
     start = pull_push(known, fixed.to(known)).reshape(-1, known.shape[-1])
     value, is_fixed = start[cells], fixed.reshape(-1)[cells, None]
     given = value
     for _ in range(sweeps):
-        value = torch.where(is_fixed, given, neighbour_mean(value, neighbours))
+        value = torch.where(is_fixed, given, neighbour_mean(value, neighbours, count))
     return start.index_copy(0, cells, value).reshape(known.shape)

@@ -1,0 +1,1 @@
+"""Warp kernels over the voxels of a domain."""

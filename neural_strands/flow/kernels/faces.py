@@ -1,0 +1,27 @@
+"""Warp kernels that add up what lies behind the faces of voxels (see `flow.faces`)."""
+
+# Warp's kernel language is not Python's type system: these rules do not hold inside it.
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def sum_kernel(
+    start: int, values: wp.array2d[float], neighbours: wp.array2d[wp.int64], sums: wp.array2d[float]
+) -> None:
+    """Sum of the values of each cell's six neighbours; the row after the last cell's stands for none."""
+    i = start + wp.tid()
+    a = int(neighbours[i, 0])
+    b = int(neighbours[i, 1])
+    c = int(neighbours[i, 2])
+    d = int(neighbours[i, 3])
+    e = int(neighbours[i, 4])
+    f = int(neighbours[i, 5])
+    for channel in range(values.shape[1]):
+        first = values[a, channel] + values[b, channel] + values[c, channel]
+        sums[i, channel] = first + values[d, channel] + values[e, channel] + values[f, channel]
