@@ -20,6 +20,15 @@ def pytest_configure() -> None:
         os.environ["OMP_NUM_THREADS"] = str(threads)  # for the programs that tests start
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files of the longest tests: a worker that began the longest last would end alone."""
+    longest: dict[Path, float] = {}
+    for item in items:
+        for mark in item.iter_markers("slow"):
+            longest[item.path] = max(longest.get(item.path, 0.0), mark.kwargs.get("seconds", 10.0))
+    items.sort(key=lambda item: -longest.get(item.path, 0.0))
+
+
 @pytest.fixture(params=["cpu", "emulated", pytest.param("cuda", marks=pytest.mark.gpu)])
 def device(request: pytest.FixtureRequest) -> torch.device:
     """Each device that a test should hold on."""

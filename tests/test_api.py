@@ -32,7 +32,7 @@ def test_every_name_has_an_example_that_runs(name, workspace, capsys):
     run_examples(test, capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=20)
 def test_the_examples_of_the_page_run(workspace, capsys):
     text = "\n".join(re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL))
     test = doctest.DocTestParser().get_doctest(text, {}, PAGE.name, str(PAGE), 0)

@@ -67,7 +67,7 @@ def room(camera: Camera, papers: list[np.ndarray]) -> np.ndarray:
     return picture
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=300)
 def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("pycolmap")
     pytest.importorskip("mitsuba")

@@ -96,7 +96,7 @@ def test_a_step_reads_its_figures_once(folder, emulated):
     assert reads[2] == reads[1] + 1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=50)
 def test_a_whole_run_from_photographs_to_scores(folder, tmp_path, emulated):
     config = replace(SHORT, initialise="flow")
     save_segments(tmp_path / "segments.npz", true_segments(Capture.load(folder).ground_truth.points))

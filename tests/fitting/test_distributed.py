@@ -51,7 +51,7 @@ def start(script, arguments, environment):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=40)
 def test_two_processes_agree_with_one(tmp_path):
     from tiny_capture import write_capture
 

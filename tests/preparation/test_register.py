@@ -33,7 +33,7 @@ def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=50)
 def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     images, matches, model = folders(tmp_path)
     # Every second one: matching all pairs of all takes four times as long.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=30)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the benchmark forks")
 @pytest.mark.parametrize(("job", "files"), [("fit", 4), ("prepare", 50)])
 def test_killed_work_ends_in_the_bits_of_work_that_was_left_alone(job, files, tmp_path, request):
