@@ -98,8 +98,10 @@ def _parse(command: str, words: list[str]) -> Command | None:
         raise InputError(f"{command!r}: expected a command, such as {near}; `{PROGRAM} --help` lists them.")
     from neural_strands.cli.arguments import parse
     from neural_strands.foundation.memory import keep_freed_memory
+    from neural_strands.foundation.threads import sleep_when_idle
 
     keep_freed_memory()
+    sleep_when_idle()
     module, _, name = COMMANDS[command].location.partition(":")
     kind = getattr(importlib.import_module(f"neural_strands.cli.commands.{module}"), name)
     return getattr(kind, "parse", partial(parse, kind))(f"{PROGRAM} {command}", words)
