@@ -134,7 +134,7 @@ def main(arguments: Arguments) -> None:
     on_gpu = device.type == "cuda"
     strands = arguments.strands or (30_000 if on_gpu else 10_000)
     side = arguments.size or (1024 if on_gpu else 256)
-    with torch.inference_mode():
+    with torch.no_grad():
         model = hair_model(strands, arguments, device)
         figures = {
             "device": torch.cuda.get_device_name(device) if on_gpu else f"cpu, {torch.get_num_threads()} threads",
