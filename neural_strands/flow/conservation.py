@@ -30,7 +30,7 @@ class ConservationConfig:
     """Smallest speed after the second projection, as a share of the mean; a flow at rest has no direction."""
     most_speed: Annotated[float, Between(1, 1e6)] = 5.0
     """Largest speed after the second projection, as a share of the mean."""
-    way_out: Annotated[float, Between(-1, 1)] = 0.5
+    way_out: Annotated[float, Between(-1, 1)] = 0.7
     """Hair leaves the volume where the cosine between its direction and the outward direction exceeds this."""
     tolerance: Annotated[float, Between(1e-9, 1)] = 0.01
     """Divergence at which a projection ends, as a share of that of the first."""
@@ -70,6 +70,8 @@ def conserve(
 ) -> FlowField:
     """Turn the directions of a field as little as possible, so that hair fills its domain from the scalp.
 
+    Measured directions take part and are kept in the end: the room that masks leave beside the hair must not turn it.
+
     Args:
         field: directions, all unit, and where there is hair.
         scalp_points: a dense sample of the scalp.
@@ -91,7 +93,10 @@ def conserve(
         flow = 0.5 * (faces[:, :3] - faces[:, 3:])
         speed = (flow * given).sum(dim=1)
         speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
-    kept = torch.where(flow.norm(dim=1, keepdim=True) > 1e-6, functional.normalize(flow, dim=1), given)
+    turned = flow.norm(dim=1, keepdim=True) > 1e-6
+    if field.measured is not None:
+        turned = turned & ~field.measured.reshape(-1, 1)[number]
+    kept = torch.where(turned, functional.normalize(flow, dim=1), given)
     directions = field.directions.reshape(-1, 3).index_copy(0, number, kept).reshape_as(field.directions)
     return replace(field, directions=directions)
 

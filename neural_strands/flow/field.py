@@ -35,7 +35,7 @@ class FlowConfig:
     iterations: Annotated[int, Between(0, 100_000)] = 25
     """Jacobi sweeps after the multigrid start. They smooth over about the square root of their number in voxels: with
     none, the steps of the start remain; many blur the differences between layers of hair."""
-    normal_pull: Annotated[float, Between(0, 1)] = 0.5
+    normal_pull: Annotated[float, Between(0, 1)] = 0.25
     """Weight of the scalp's normal, against the flow above it, in the direction next to the scalp; 0 to 1."""
     scalp_layer: Annotated[float, Between(0, 1)] = 0.003
     """Thickness in metres of the layer that the scalp pulls."""
@@ -52,12 +52,14 @@ class FlowField:
         directions: unit growth directions.
         domain: where there can be hair.
         unseen: the part of the domain that no view sees; None where views see all of it.
+        measured: where the direction is that of segments; None where no direction is.
     """
 
     grid: VoxelGrid
     directions: Float[Tensor, "x y z 3"]
     domain: Bool[Tensor, "x y z"]
     unseen: Bool[Tensor, "x y z"] | None = None
+    measured: Bool[Tensor, "x y z"] | None = None
 
 
 def grid_around(points: Float[Tensor, "point 3"], spacing: float, margin: float) -> VoxelGrid:
@@ -124,4 +126,5 @@ def diffuse_directions(
         value = torch.where(is_fixed, known, torch.where(is_pulled, towards_normal, mean))
     # Outside the domain the filled start remains, for streamlines that graze the border.
     directions = start.index_copy(0, cells, functional.normalize(value, dim=-1)).reshape(*grid.shape, 3)
-    return FlowField(grid, directions, domain, None if guess is None else marked(domain, guess.voxels))
+    unseen = None if guess is None else marked(domain, guess.voxels)
+    return FlowField(grid, directions, domain, unseen, fixed)

@@ -1,5 +1,7 @@
 """Flows that conserve hair against a dense least-squares solve, and strands against room that they have to fill."""
 
+from dataclasses import replace
+
 import torch
 
 from neural_strands.flow.conservation import (
@@ -127,12 +129,23 @@ def test_directions_turn_less_when_speed_is_free(generator):
     field = FlowField(grid, directions, domain)
 
     def turned(rounds: int) -> float:
-        config = ConservationConfig(rounds=rounds)
+        config = ConservationConfig(rounds=rounds, way_out=0.5)
         kept = conserve(field, roots, UP.expand(len(roots), 3), 0.0, config).directions
         return float((kept - directions).square().sum(dim=-1).mean())
 
     assert turned(0) == 0.0
     assert turned(6) < 0.6 * turned(1)
+
+
+def test_measured_directions_alone_are_kept(generator):
+    grid, domain, roots = over_flat_scalp((12, 6, 12))
+    directions = torch.nn.functional.normalize(grid.nodes() - torch.tensor([6.0, -2.0, 6.0]), dim=-1)
+    measured = (torch.rand(grid.shape, generator=generator) < 0.2) & domain
+    field, normals = FlowField(grid, directions, domain), UP.expand(len(roots), 3)
+    free, held = (conserve(replace(field, measured=mask), roots, normals, 0.0) for mask in (None, measured))
+    torch.testing.assert_close(held.directions[measured], directions[measured])
+    assert not torch.allclose(free.directions[measured], directions[measured], atol=1e-3)
+    assert torch.equal(held.directions[~measured], free.directions[~measured])
 
 
 def test_voxels_under_the_scalp_reach_below_the_domain():
