@@ -9,14 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+import warp as wp
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.editing.kernels.shorten import spread_points, sum_lengths
 from neural_strands.editing.region import strand_weight
 from neural_strands.editing.settings import SHORTEST, WAYS, Haircut
+from neural_strands.foundation import kernels
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
-from neural_strands.geometry.strands import Strands, segments
+from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.mesh_file import read_mesh_file
 
 LOCK = 0.02
@@ -43,7 +46,9 @@ def cut_hair(haircut: Haircut, strands: Strands) -> Strands:
             f"haircut: expected hair to remain, found that the {way} cuts off all {len(strands)} strands; move or "
             "enlarge it."
         )
-    return shortened(strands.select(remain), kept[remain], arc[remain])
+    if not remain.all():
+        strands, kept, arc = strands.select(remain), kept[remain], arc[remain]
+    return shortened(strands, kept, arc)
 
 
 def _limit(haircut: Haircut, strands: Strands, arc: Float[Tensor, "strand point"]) -> Float[Tensor, " strand"]:
@@ -72,7 +77,10 @@ def _outside(haircut: Haircut, points: Float[Tensor, "strand point 3"]) -> Float
 
 def arc_lengths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
     """Arc length from the root to every point, metres."""
-    return torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=1), (1, 0))
+    arc = kernels.zeros(points.shape[:2], torch.float32, points.device)
+    inputs = [kernels.array(points.float(), wp.vec3), kernels.array(arc)]
+    kernels.launch_split(sum_lengths, len(points), inputs, points.device)
+    return arc
 
 
 def first_crossing(
@@ -112,20 +120,16 @@ def shortened(
     end = torch.searchsorted(arc, kept[:, None], right=True).clamp(1, count - 1)
     low, high = arc.gather(1, end - 1), arc.gather(1, end)
     last = (end - 1) + ((kept[:, None] - low) / (high - low).clamp(min=1e-12)).clamp(0, 1)
-    place = last * torch.linspace(0, 1, count, dtype=last.dtype, device=last.device)
-    whole = place.long().clamp(max=count - 2)
-    fraction = (place - whole)[..., None]
-
-    def at(values: Float[Tensor, "strand point channel"]) -> Float[Tensor, "strand point channel"]:
-        """Values at the new places of the points."""
-        channels = values.shape[2]
-        index = (whole + count * torch.arange(len(values), device=whole.device)[:, None]).flatten()
-        flat = values.reshape(-1, channels)
-        ends = flat.index_select(0, index), flat.index_select(0, index + 1)
-        return torch.lerp(*ends, fraction.reshape(-1, 1).to(values)).view(-1, count, channels)
-
-    width = None if strands.width is None else at(strands.width[..., None])[..., 0]
-    return replace(strands, points=at(strands.points), t=at(strands.parameters()[..., None])[..., 0], width=width)
+    t, width = strands.parameters(), strands.width
+    # Strands without widths need none; their t stands in.
+    given = (strands.points, t, t if width is None else width)
+    found = [kernels.zeros(each.shape, torch.float32, each.device) for each in given]
+    inputs = [
+        kernels.array(last[:, 0]),
+        *(kernels.array(each.float(), wp.vec3 if each.ndim == 3 else None) for each in (*given, *found)),
+    ]
+    kernels.launch_split(spread_points, len(strands), inputs, last.device)
+    return replace(strands, points=found[0], t=found[1], width=None if width is None else found[2])
 
 
 def ragged(roots: Float[Tensor, "strand 3"], seed: int) -> Float[Tensor, " strand"]:

@@ -79,34 +79,46 @@ def transmitted(
     """
     total, weights = torch.zeros_like(extinction), 0.0
     for axis, sign in itertools.product(range(3), (1, -1)):
-        turned = [values.movedim(axis, 0) for values in (extinction, solid)]
+        turned = [values.movedim(axis, 0).contiguous() for values in (extinction, solid)]
         if sign < 0:
             turned = [values.flip(0) for values in turned]
-        light, weights = _swept(*turned, spacing)
+        # A direction is followed once: along the first of the axes on which it advances.
+        across = [(0,) if other < axis else (-1, 0, 1) for other in range(3) if other != axis]
+        light, weight = _swept(turned[0], turned[1], spacing, list(itertools.product(*across)))
         total += (light.flip(0) if sign < 0 else light).movedim(0, axis)
-    return total / (6 * weights)
+        weights += weight
+    return total / weights
 
 
 def _swept(
-    extinction: Float[Tensor, "x y z"], solid: Float[Tensor, "x y z"], spacing: float
+    extinction: Float[Tensor, "x y z"],
+    solid: Float[Tensor, "x y z"],
+    spacing: float,
+    shifts: list[tuple[int, ...]],
 ) -> tuple[Float[Tensor, "x y z"], float]:
-    """Weighted sum, and sum of the weights, of the light along nine directions that lead from low x to high x."""
-    shifts = list(itertools.product((-1, 0, 1), repeat=2))
-    lengths = extinction.new_tensor([(1 + y * y + z * z) ** 0.5 for y, z in shifts])
-    # The solid angle of a cube's face by the trapezoidal rule.
-    weight = lengths.pow(-3) * extinction.new_tensor([0.5 ** (abs(y) + abs(z)) for y, z in shifts])
-    half = [torch.exp(-0.5 * spacing * float(length) * extinction) for length in lengths.unique()]
-    kinds = [round(float(length) ** 2) - 1 for length in lengths]
+    """Weighted sum, and sum of the weights, of the light along directions that lead from low x to high x.
+
+    Args:
+        extinction: share of the light that is lost per metre.
+        solid: 1 where no light passes, else 0.
+        spacing: of the nodes, metres.
+        shifts: by how many nodes each direction advances along y and z from one x to the next.
+    """
+    axes = torch.tensor([1 + abs(y) + abs(z) for y, z in shifts], device=extinction.device)
+    # The solid angle of a cube's faces by the trapezoidal rule; an edge belongs to two of them, a corner to three.
+    weight = axes * 0.5 ** (axes - 1) * axes**-1.5
+    lengths = torch.arange(1, int(axes.max()) + 1, device=axes.device).sqrt()
+    half = torch.exp(-0.5 * spacing * lengths[:, None, None, None] * extinction)
     depth, rows, columns = extinction.shape
-    light = extinction.new_ones(9, rows + 2, columns + 2)
-    sums = torch.zeros_like(extinction)
+    light = extinction.new_ones(len(shifts), rows + 2, columns + 2)
+    sums = torch.zeros_like(half[0])
     open_ = 1 - solid
     for x in range(depth):
-        passed = torch.stack([half[kind][x] for kind in kinds])
+        passed = half[axes - 1, x]
         here = torch.stack([light[k, 1 - y : 1 - y + rows, 1 - z : 1 - z + columns] for k, (y, z) in enumerate(shifts)])
         here *= passed
-        sums[x] = torch.einsum("k,kyz->yz", weight, here)
-        light[:, 1:-1, 1:-1] = here * passed * open_[x]
+        torch.mv(here.view(len(shifts), -1).T, weight, out=sums[x].view(-1))
+        light[:, 1:-1, 1:-1] = here.mul_(passed).mul_(open_[x])
     return sums, float(weight.sum())
 
 

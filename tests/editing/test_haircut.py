@@ -13,7 +13,7 @@ from neural_strands.editing.hair import Hair
 from neural_strands.editing.haircut import arc_lengths, cut_hair, ragged, shortened
 from neural_strands.editing.settings import SHORTEST, Haircut
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.strands import Strands, lengths
+from neural_strands.geometry.strands import Strands, lengths, segments
 
 
 def walk(points: list[list[float]], outside, step: float = 2e-5) -> float:
@@ -101,7 +101,8 @@ def test_what_remains_knows_its_place_and_its_width(strands):
         row = torch.arange(len(strands))
         on_strand = torch.lerp(strands.points[row, low], strands.points[row, low + 1], weight)
         assert torch.allclose(cut.points[:, k], on_strand, atol=1e-6)
-    assert arc.shape == share.shape
+        assert torch.allclose(share[:, k], share[:, -1] * k / (strands.points_per_strand - 1), atol=1e-6)
+    assert torch.allclose(arc, torch.nn.functional.pad(segments(strands.points).norm(dim=-1).cumsum(dim=1), (1, 0)))
     # A tip tapers over its last tenth, which is gone: the cut end is as thick as the rest.
     assert (strands.width[:, -1] == 0).all()
     assert torch.allclose(cut.width, torch.full_like(cut.width, 1e-4))
