@@ -58,6 +58,8 @@ class Arguments:
     """Strands of the groom."""
     length: float = 0.1
     """What the haircut leaves, metres."""
+    plane: tuple[float, float, float, float, float, float] | None = None
+    """A point and the normal of a plane: cuts off what lies beyond it, instead of cutting to a length."""
     views: int = 14
     """Cameras; every fifth is held out of the fit."""
     size: int = 192
@@ -68,6 +70,11 @@ class Arguments:
     """Gradient steps of the fit."""
     seed: int = 0
     """Of the groom, the noise and the fit."""
+
+    @property
+    def haircut(self) -> Haircut:
+        """How the hair is cut."""
+        return Haircut(length=self.length) if self.plane is None else Haircut(plane=self.plane)
 
 
 def captured(arguments: Arguments) -> tuple[Capture, SynthesisConfig]:
@@ -150,7 +157,7 @@ def main(arguments: Arguments) -> None:
     points = capture.ground_truth.points
     # A cut leaves widths as they are; without them the tracer would let the cut strands taper.
     strands = Strands(points, attach_roots(head, points[:, 0]).uv, width=strand_widths(points))
-    after = cut_hair(Haircut(length=arguments.length), strands)
+    after = cut_hair(arguments.haircut, strands)
     views = capture.views_on("cpu")
     everything = [views[index] for index in range(len(capture))]
     truth = pictures_after(head, strands, after, config, everything)
