@@ -29,7 +29,10 @@ class PlaneHandle:
         half = SIZE / 2
         corners = np.array([[-half, 0, -half], [half, 0, -half], [half, 0, half], [-half, 0, half]], np.float32)
         faces = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
-        server.scene.add_mesh_simple(f"{NAME}/sheet", corners, faces, color=COLOUR, opacity=0.35, side="double")
+        # The usual material takes a browser without a graphics card many seconds to compile.
+        server.scene.add_mesh_simple(
+            f"{NAME}/sheet", corners, faces, color=COLOUR, opacity=0.35, material="toon3", side="double"
+        )
 
     def place(self) -> tuple[float, float, float, float, float, float]:
         """A point of the plane and the normal towards what is cut, as a haircut takes them."""

@@ -1,9 +1,14 @@
 """The control that paints a region of the scalp: edits then change only the hair that grows there."""
 
+import contextlib
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+import trimesh
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.editing.brush import dab_under
 from neural_strands.editing.region import region_weight
@@ -21,10 +26,15 @@ COLOUR = (255, 105, 40)
 DOT = 0.0012
 """Size of the dots that show painted roots, metres."""
 CENTIMETRE = 0.01
+BRUSH = "/region_brush"
+BALL = 0.007
+"""Radius of the ball that is dragged over the scalp, metres."""
+STRIDE = 0.3
+"""Distance between the dabs of a brush that is dragged, in its radii."""
 
 
 class RegionBrush:
-    """A brush that a person clicks with, and the dabs that it has left."""
+    """A brush that a person clicks with, or drags as a ball over the scalp, and the dabs that it has left."""
 
     def __init__(self, page: Page) -> None:
         """Add the controls.
@@ -36,7 +46,9 @@ class RegionBrush:
         self._page = page
         self._dabs: list[Dab] = []
         self._paint = gui.add_checkbox(
-            "Paint", initial_value=False, hint="Click on the scalp to add to the region; dragging still turns the head"
+            "Paint",
+            initial_value=False,
+            hint="Click on the scalp, or drag the ball over it; dragging elsewhere turns the head",
         )
         self._radius = gui.add_slider("Brush, cm", min=0.5, max=8.0, step=0.5, initial_value=3.0, visible=False)
         self._clear = gui.add_button("Clear the region", color="gray", visible=False)
@@ -57,36 +69,74 @@ class RegionBrush:
     def _set_painting(self) -> None:
         scene = self._page.server.scene
         scene.remove_click_callback(self._click)
+        hide(self._page.server, BRUSH)
         if self._paint.value:
             scene.on_click()(self._click)
+            self._add_ball()
         # Where the brush is seen, a click paints.
         self._radius.visible = self._paint.value
 
+    def _add_ball(self) -> None:
+        """Show a ball on the scalp, above the forehead, that paints where it is dragged."""
+        roots, _ = self._roots()
+        if len(roots):
+            ball, first = (
+                trimesh.creation.icosphere(subdivisions=2, radius=BALL),
+                roots[roots[:, 1:].sum(dim=1).argmax()],
+            )
+            # The usual material takes a browser without a graphics card many seconds to compile.
+            handle = self._page.server.scene.add_mesh_simple(
+                BRUSH, ball.vertices, ball.faces, color=COLOUR, material="toon3", position=first.cpu().numpy()
+            )
+            handle.on_drag("left")(self._drag)
+
     def _click(self, event: "viser.SceneClickEvent") -> None:
-        fitted = self._page.scene.fitted
-        if fitted is None or fitted.strands.root_uv is None:
-            return
-        roots, uv = fitted.strands.points[:, 0], fitted.strands.root_uv
-        origin, direction = (torch.tensor(each).to(roots) for each in (event.ray_origin, event.ray_direction))
         try:
-            self._dabs.append(dab_under(origin, direction, roots, uv, CENTIMETRE * self._radius.value))
+            self._paint_under(torch.tensor(event.ray_origin), torch.tensor(event.ray_direction))
         except InputError as error:
             complain(event.client, error)
-        self._draw()
+
+    def _drag(self, event: "viser.SceneNodeDragEvent[viser.MeshHandle]") -> None:
+        eye = torch.tensor(event.client.camera.position)
+        # Beside the scalp the ball waits where it was.
+        with contextlib.suppress(InputError):
+            place = self._paint_under(eye, torch.tensor(event.end_position) - eye, STRIDE)
+            event.target.position = place.cpu().numpy()
+
+    def _paint_under(
+        self, origin: Float[Tensor, "3"], direction: Float[Tensor, "3"], stride: float = 0.0
+    ) -> Float[Tensor, "3"]:
+        """Paint where a ray meets the scalp, unless the last dab is nearer than `stride` radii; returns where.
+
+        Raises:
+            InputError: no root lies near the ray.
+        """
+        roots, uv = self._roots()
+        dab = dab_under(origin.to(roots), direction.to(roots), roots, uv, CENTIMETRE * self._radius.value)
+        if not self._dabs or math.dist(dab[:2], self._dabs[-1][:2]) >= stride * dab[2]:
+            self._dabs.append(dab)
+            self._draw()
+        return roots[(uv - uv.new_tensor(dab[:2])).square().sum(dim=1).argmin()]
+
+    def _roots(self) -> tuple[Float[Tensor, "root 3"], Float[Tensor, "root 2"]]:
+        """Roots of the fitted hair, and their places on the chart; none where the chart is not known."""
+        fitted = self._page.scene.fitted
+        if fitted is None or fitted.strands.root_uv is None:
+            return torch.zeros(0, 3), torch.zeros(0, 2)
+        return fitted.strands.points[:, 0], fitted.strands.root_uv
 
     def _draw(self) -> None:
         """Show which roots are painted."""
         self._clear.visible = bool(self._dabs)
-        fitted, scene = self._page.scene.fitted, self._page.server.scene
-        if not self._dabs or fitted is None or fitted.strands.root_uv is None:
+        roots, uv = self._roots()
+        if not self._dabs or not len(roots):
             hide(self._page.server, NAME)
             self._says.content = "Haircut and restyling change all of the hair."
             return
-        weight = region_weight(fitted.strands.root_uv, self.dabs()).cpu()
-        painted = fitted.strands.points[:, 0].cpu()[weight > 0].numpy()
+        painted = roots[region_weight(uv, self.dabs()) > 0].cpu().numpy()
         self._says.content = (
             f"Haircut and restyling change the {len(painted):,} strands that grow in the painted region."
         )
-        scene.add_point_cloud(
+        self._page.server.scene.add_point_cloud(
             NAME, painted, np.array(COLOUR, np.uint8), point_size=DOT, point_shape="circle", precision="float32"
         )
