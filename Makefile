@@ -31,7 +31,7 @@ docs: $(VENV)/.installed
 pytest: $(VENV)/.installed
 	$(BIN)/python -m pytest -n logical --dist worksteal
 
-# The page in a browser, on a machine that does nothing else; without Chromium this fails.
+# The page in a browser alone; without Chromium this fails, whereas `make test` skips it.
 browser: $(VENV)/.installed
 	NEURAL_STRANDS_BROWSER=required $(BIN)/python -m pytest tests/viewer/test_page_in_browser.py
 
