@@ -1,0 +1,185 @@
+"""Everything that wants a GPU, in parts of under nine minutes: `benchmarks/gpu.sh OUT [CAPTURE]`.
+
+In this order: the tests that compare the device with the CPU; the speed of frames, of the prior, of a step, and of
+lines beside OpenGL's; a synthetic capture, unless CAPTURE names one; stereo; the `paper` preset and its scores. A call
+ends after `--seconds` with status 75, and the same command goes on where it stopped, the fit from its checkpoint. OUT
+holds a JSON file and a log a part, and `results.md`: tables in the form of docs/results.md. Status 1: a part has
+failed; remove its `.failed.json` to try it again. `--device cpu --quick` runs every part, tiny, within minutes on any
+machine.
+"""
+
+import argparse
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gpu_tables import last_json, results, said
+
+ROOT = Path(__file__).resolve().parents[1]
+GO_ON = 75
+"""Exit status where time was up: EX_TEMPFAIL."""
+NO_TESTS = 5
+"""pytest's status where none of a folder's tests is about the device."""
+TESTS = ("raster", "geometry", "model", "lmvs", "fitting", "prior")
+TINY_CAPTURE = """
+import sys
+from pathlib import Path
+sys.path.append(sys.argv[1])
+from tiny_capture import true_segments, write_capture
+from neural_strands.lmvs.files import save_segments
+out = Path(sys.argv[2])
+save_segments(out / "segments.npz", true_segments(write_capture(out / "capture", views=10)))
+"""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A command that is done once it has ended well.
+
+    Attributes:
+        name: of its files.
+        command: what follows the interpreter.
+        figures: makes figures of its standard output.
+        accepts: statuses that count as done.
+        goes_on: whether it keeps what it has done when it is stopped; any other part must end within one call.
+    """
+
+    name: str
+    command: Sequence[str]
+    figures: Callable[[str], dict[str, Any]] = last_json
+    accepts: tuple[int, ...] = (0,)
+    goes_on: bool = False
+
+
+def parts(options: argparse.Namespace) -> list[Part]:
+    """All parts, in their order."""
+    device, quick, out = options.device, options.quick, options.out
+    capture, run = options.capture or out / "capture", out / "paper"
+
+    def speed(name: str, *words: str) -> list[str]:
+        return [f"benchmarks/speed/{name}.py", "--device", device, *words]
+
+    folders = ["tests/raster/test_splat.py"] if quick else [f"tests/{name}" for name in TESTS]
+    found = [
+        Part(
+            f"parity_{Path(path).stem}",
+            ["-m", "pytest", "-q", "-p", "no:cacheprovider", path, "-k", device],
+            said,
+            (0, NO_TESTS),
+        )
+        for path in folders
+    ]
+    for side in (64,) if quick else (512, 1024):
+        strands, runs = ("300", "1") if quick else ("30000", "10")
+        found.append(Part(f"frame_{side}", speed("render", "--strands", strands, "--size", str(side), "--runs", runs)))
+    found.append(Part("prior", speed("prior", "--json", *(["--strands", "300", "--repeats", "2"] if quick else []))))
+    step = ["--preset", "demo", "--resolution", "64"] if quick else ["--preset", "paper", "--resolution", "1024"]
+    found.append(Part("step", speed("fit_step", *step), said))
+    found.append(Part("lines", speed("lines", *(["--repeats", "5"] if quick else [])), said))
+    if options.capture is None:
+        words = ["--views", "60", "--resolution", "1024", "--strands", "30000"]
+        made = ["-c", TINY_CAPTURE, str(ROOT / "tests" / "support"), str(out)]
+        full = ["-m", "neural_strands", "synthesize", str(capture), *words]
+        found.append(Part("capture", made if quick else full, said, goes_on=not quick))
+    found.append(Part("lmvs", speed("lmvs", str(capture), str(out / "lmvs"), "--keep"), said, goes_on=True))
+    fit = ["-m", "neural_strands", "fit", str(capture), str(run), "--resume", "--json", "--device", device]
+    settings = ["--preset", "demo", "--steps", "4", "--strands", "300"] if quick else ["--preset", "paper"]
+    if quick and options.capture is None:
+        settings += ["--segments", str(out / "segments.npz")]
+    found.append(Part("paper_fit", [*fit, *settings], goes_on=True))
+    found.append(Part("paper_scores", ["-m", "neural_strands", "evaluate", str(run), "--json", "--device", device]))
+    return found
+
+
+def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
+    """Run a part that is not done yet.
+
+    Args:
+        part: which.
+        out: folder of the records.
+        seconds: after which it is stopped.
+        whole: whether no call has more time than that.
+
+    Returns:
+        Whether it is over: done, or failed.
+    """
+    target, failed, spent = (out / f"{part.name}{end}" for end in (".json", ".failed.json", ".seconds"))
+    if target.is_file() or failed.is_file():
+        return True
+    before, began = float(spent.read_text()) if spent.is_file() else 0.0, time.monotonic()
+    with (out / f"{part.name}.log").open("ab") as log:
+        process = subprocess.Popen(
+            [sys.executable, *part.command],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        stopped = False
+        try:
+            output = process.communicate(timeout=seconds)[0]
+        except subprocess.TimeoutExpired:
+            # As Ctrl-C: a fit keeps what it has.
+            stopped = True
+            process.send_signal(signal.SIGINT)
+            output = process.communicate()[0]
+        log.write(output)
+    total = before + time.monotonic() - began
+    if stopped and (part.goes_on or not whole):
+        spent.write_text(str(total if part.goes_on else before))
+        return False
+    text = output.decode(errors="replace")
+    record = {"part": part.name, "status": process.returncode, "seconds": round(total, 1), **part.figures(text)}
+    well = not stopped and process.returncode in part.accepts
+    (target if well else failed).write_text(json.dumps(record, indent=1))
+    if not well:
+        sys.stderr.write(f"{part.name}: ended with {process.returncode}; see {out / part.name}.log\n")
+    return True
+
+
+def machine(device: str) -> dict[str, str]:
+    """What the figures were measured on."""
+    import torch
+    import warp as wp
+
+    name = torch.cuda.get_device_name() if device == "cuda" else platform.processor() or platform.machine()
+    return {"device": name, "torch": torch.__version__, "warp": wp.__version__, "python": platform.python_version()}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("capture", type=Path, nargs="?", help="with true strands, for all scores; made if left out")
+    parser.add_argument("--device", choices=("cuda", "cpu"), default="cuda")
+    parser.add_argument("--seconds", type=float, default=520.0, help="after which a call ends")
+    parser.add_argument("--quick", action="store_true", help="tiny sizes, to see that everything runs")
+    parser.add_argument("--only", default="", help="parts whose names hold this")
+    options = parser.parse_args()
+    options.out = options.out.absolute()
+    options.capture = None if options.capture is None else options.capture.absolute()
+    options.out.mkdir(parents=True, exist_ok=True)
+    todo = [part for part in parts(options) if options.only in part.name]
+    began, over = time.monotonic(), True
+    for part in todo:
+        left = options.seconds - (time.monotonic() - began)
+        over = left > 0 and run(part, options.out, left, left > 0.9 * options.seconds)
+        if not over:
+            print(f"Time is up in {part.name}; run the same command again.")
+            break
+    (options.out / "results.md").write_text(results(options.out, machine(options.device)), encoding="utf-8")
+    if not over:
+        return GO_ON
+    print((options.out / "results.md").read_text(encoding="utf-8"))
+    return int(any((options.out / f"{part.name}.failed.json").is_file() for part in todo))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""Tables in the form of docs/results.md from the records that `gpu.py` leaves."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+STEP = re.compile(r"^(.+?) +median +([\d.]+) ms, least +([\d.]+) ms", re.MULTILINE)
+LEVELS = {"1mm/10deg": "1 mm / 10°", "2mm/20deg": "2 mm / 20°", "3mm/30deg": "3 mm / 30°"}
+THRESHOLDS = {name: f"{label} P R F" for name, label in LEVELS.items()}
+FRAMES = ("frame_64", "frame_512", "frame_1024")
+GOALS = (
+    ("`paper` preset, minutes", 10.0, "paper_fit", lambda record: record["seconds"] / 60),
+    ("static frame, 1024 x 1024, ms", 5.0, "frame_1024", lambda record: record["milliseconds"]["static_frame"]),
+    ("decode and frame, ms", 9.0, "frame_1024", lambda record: record["milliseconds"]["dynamic_frame"]),
+    ("stereo, 60 views of 1024 x 1024, s", 60.0, "lmvs", lambda record: record["seconds"]),
+)
+"""What is aimed at on one H200: name, aim, part, and where its record has it; whole commands with their start."""
+
+
+def last_json(text: str) -> dict[str, Any]:
+    """The JSON object that a program printed, on one line or on all of them."""
+    for candidate in (text, *reversed(text.splitlines())):
+        try:
+            found = json.loads(candidate)
+        except ValueError:
+            continue
+        if isinstance(found, dict):
+            return found
+    return said(text)
+
+
+def said(text: str) -> dict[str, Any]:
+    """What a program said, and its last line by itself."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return {"summary": lines[-1] if lines else "", "output": text[-8000:]}
+
+
+def results(out: Path, about: Mapping[str, str]) -> str:
+    """All tables for which there are records."""
+    records = {path.stem: json.loads(path.read_text()) for path in sorted(out.glob("*.json")) if _is_record(path)}
+    failed = [path.name.removesuffix(".failed.json") for path in sorted(out.glob("*.failed.json"))]
+    told = ["## On a GPU", ", ".join(f"{name} {value}" for name, value in about.items())]
+    if failed:
+        told.append(f"Failed, see the logs: {', '.join(failed)}.")
+    for title, found in (
+        ("Goals", _goals(records)),
+        ("The device against the CPU", _parity(records)),
+        ("Frames, ms", _frames(records)),
+        ("A step of the fit, median ms", _step(records)),
+        ("Prior", _prior(records)),
+        ("Geometry", _geometry(records)),
+        ("Images", _images(records)),
+    ):
+        if found:
+            told += [f"### {title}", found]
+    for name, heading in (("lines", "Lines, and OpenGL's"), ("lmvs", "Stereo")):
+        if name in records:
+            told += [f"### {heading}", f"```\n{records[name]['output'].strip()}\n```"]
+    return "\n\n".join(told) + "\n"
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; nothing without rows."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) if rows else ""
+
+
+def _is_record(path: Path) -> bool:
+    return not path.name.endswith(".failed.json")
+
+
+def _goals(records: Mapping[str, Any]) -> str:
+    rows = [(name, f"{aim:g}", f"{take(records[part]):.4g}") for name, aim, part, take in GOALS if part in records]
+    return table(("what", "aim on one H200", "found"), rows)
+
+
+def _parity(records: Mapping[str, Any]) -> str:
+    rows = [(name.removeprefix("parity_"), each["summary"]) for name, each in records.items() if "parity_" in name]
+    return table(("tests", "outcome"), rows)
+
+
+def _frames(records: Mapping[str, Any]) -> str:
+    found = [records[name] for name in FRAMES if name in records]
+    parts = list(found[0]["milliseconds"]) if found else []
+    rows = [
+        (
+            f"{each['strands']:,}",
+            f"{each['size']} x {each['size']}",
+            *(f"{each['milliseconds'][part]:g}" for part in parts),
+            f"{each['peak_gigabytes']:g}",
+        )
+        for each in found
+    ]
+    return table(("strands", "pixels", *(part.replace("_", " ") for part in parts), "peak, GB"), rows)
+
+
+def _step(records: Mapping[str, Any]) -> str:
+    rows = [(name.strip(), median) for name, median, _ in STEP.findall(records.get("step", {}).get("output", ""))]
+    return table(("part", "ms"), rows)
+
+
+def _prior(records: Mapping[str, Any]) -> str:
+    figures = {name: value for name, value in records.get("prior", {}).items() if name.endswith("_ms")}
+    rows = [(name.removesuffix("_ms").replace("_", " "), f"{value:.3g}") for name, value in figures.items()]
+    return table(("operation", "ms"), rows)
+
+
+def _geometry(records: Mapping[str, Any]) -> str:
+    scores = records.get("paper_scores", {})
+    rows = []
+    for what in ("strands", "lmvs"):
+        cells = [
+            " ".join(f"{scores[what][level][name]:.1f}" for name in ("precision", "recall", "f_score"))
+            for level in THRESHOLDS
+            if level in scores.get(what, {})
+        ]
+        if cells:
+            rows.append((what, *cells))
+    return table(("what", *THRESHOLDS.values()), rows)
+
+
+def _images(records: Mapping[str, Any]) -> str:
+    found = records.get("paper_scores", {}).get("held_out_views")
+    if not found:
+        return ""
+    cells = ["-" if found[name] is None else f"{found[name]:.4g}" for name in ("psnr", "ssim", "lpips")]
+    return table(("views", "PSNR", "SSIM", "LPIPS"), [(str(found["count"]), *cells)])
