@@ -31,6 +31,11 @@ def pick_device(name: DeviceName) -> "torch.device":
     return torch.device("cuda", number)
 
 
+def leads() -> bool:
+    """Whether this process speaks for all of those that torchrun started."""
+    return int(os.environ.get("RANK", "0")) == 0
+
+
 def seeded(seed: int, device: "torch.device | str" = "cpu") -> "torch.Generator":
     """Return a generator with this seed: the only source of randomness of a command."""
     import torch

@@ -1,11 +1,14 @@
 """Two processes that share the views of a step end where one process ends."""
 
+import json
 import os
 import socket
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -73,3 +76,31 @@ def test_two_processes_agree_with_one(tmp_path):
     assert float(one["appearance"].abs().max()) > 0
     for name, gradient in one.items():
         assert (two[name] - gradient).norm() < 1e-3 * gradient.norm(), name
+
+
+@pytest.mark.slow
+def test_torchrun_fits_from_the_command_line_as_one_process_does(tmp_path):
+    """Views of a step are divided; the result is that of one process, to what sums in another order change."""
+    from batch_files import write_ball
+    from tiny_capture import tiny_config
+
+    ball = write_ball(tmp_path)
+    (tmp_path / "tiny.json").write_text(json.dumps(asdict(tiny_config(steps=3, views_per_step=2))))
+    words = ["-m", "neural_strands", "fit", str(ball["capture"])]
+    options = ["--segments", str(ball["segments"]), "--config", str(tmp_path / "tiny.json"), "--device", "cpu"]
+    group = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    environment = {**os.environ, "NEURAL_STRANDS_WEIGHTS": str(tmp_path / "none"), "OMP_NUM_THREADS": "1"}
+    told = {}
+    for name, launcher in (("one", []), ("two", group)):
+        command = [sys.executable, *launcher, *words, str(tmp_path / name), *options]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=400)
+        assert done.returncode == 0, done.stderr[-2000:]
+        told[name] = done.stdout
+        assert done.stderr.count("expect about") == 1
+    assert told["two"] == told["one"].replace(f"{tmp_path / 'one'}", f"{tmp_path / 'two'}")
+    one, two = (np.load(tmp_path / name / "groom.npz")["vertices"] for name in ("one", "two"))
+    np.testing.assert_allclose(two, one, atol=2e-4, rtol=0)
+    again = [sys.executable, *group, *words, str(tmp_path / "two"), *options, "--resume"]
+    done = subprocess.run(again, capture_output=True, text=True, check=False, env=environment, timeout=400)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "resuming at step 3 of 3" in done.stderr

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.cli.device import DeviceName, leads, pick_device
 from neural_strands.cli.settings import parse_with_settings
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.progress import Feedback, track
@@ -26,6 +26,7 @@ class Fit:
 
     OUT/groom.usd opens in Blender as curves (metres, y up), OUT/groom.npz is the same for Python, OUT/model renders
     with `neural-strands render`. It can be stopped at any time: the results so far are usable, and --resume continues.
+    Several GPUs: torchrun --standalone --nproc-per-node 4 -m neural_strands fit ...
     """
 
     capture: Annotated[Path, tyro.conf.Positional]
@@ -83,8 +84,11 @@ class Fit:
         config = replace(config, **given)
         check_fit_config(config, "--config")
         request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior)
-        with page_beside(self.out) if self.view else nullcontext():
-            state = run_fit(request, config, pick_device(self.device), Feedback(say, track))
+        feedback = Feedback(say, track) if leads() else Feedback()
+        with page_beside(self.out) if self.view and leads() else nullcontext():
+            state = run_fit(request, config, pick_device(self.device), feedback)
+        if not leads():
+            return
         folder = RunFolder(self.out)
         if not self.json:
             sys.stdout.write(f"{len(state.drawn)} strands after {state.step} steps: {folder.groom}\n")
