@@ -141,4 +141,5 @@ def unit_tensor(image: np.ndarray, device: torch.device | str) -> Float[Tensor, 
     """`to_unit` on a device; samples of 8 bits are transferred as stored, in a quarter of the bytes."""
     if torch.device(device).type == "cpu" or image.dtype != np.uint8:
         return torch.from_numpy(to_unit(image)).to(device)
-    return torch.tensor(image, device=device).float() / 255.0
+    # From pinned memory the copy waits for nothing, and the host does not wait for it.
+    return torch.tensor(image).pin_memory().to(device, non_blocking=True).float() / 255.0

@@ -75,6 +75,21 @@ def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Ten
     return torch.zeros(*shape, dtype=dtype, device=device)
 
 
+@contextlib.contextmanager
+def on_torch_stream(device: torch.device | str) -> Iterator[None]:
+    """Within the block Warp builds trees and grids on torch's current stream, where launches run too.
+
+    Warp's own stream waits for torch's default one, and the other way round, but not for further streams of torch, nor
+    can it be captured with them.
+    """
+    if torch.device(device).type != "cuda":
+        yield
+        return
+    stream = wp.stream_from_torch(torch.cuda.current_stream(device))
+    with wp.ScopedStream(stream, sync_enter=False):
+        yield
+
+
 def launch(kernel: Kernel, count: int, inputs: Sequence[Any], device: torch.device | str) -> None:
     """Run `kernel` for `count` items on one thread (CPU) or the current torch stream (CUDA)."""
     device = torch.device(device)

@@ -43,7 +43,8 @@ class MeshIndex:
         self._vertices = kernels.array(mesh.vertices.float(), wp.vec3)
         self._faces = kernels.array(mesh.faces.int().reshape(-1), wp.int32)
         self._box = [wp.vec3(*bound.tolist()) for bound in (mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0))]
-        self._warp = wp.Mesh(points=self._vertices, indices=self._faces, support_winding_number=winding_number)
+        with kernels.on_torch_stream(mesh.vertices.device):
+            self._warp = wp.Mesh(points=self._vertices, indices=self._faces, support_winding_number=winding_number)
 
     def closest(self, points: Float[Tensor, "point 3"]) -> ClosestPoints:
         """Closest surface point of each of `points`."""

@@ -55,7 +55,8 @@ class Cloud:
         self.place, self.line = kernels.array(points, wp.vec3), kernels.array(directions, wp.vec3)
         self.weight = kernels.array(weight)
         self.grid = wp.HashGrid(128, 128, 128, device=str(self.place.device))
-        self.grid.build(self.place, radius)
+        with kernels.on_torch_stream(self.device):
+            self.grid.build(self.place, radius)
         self.inputs = [self.grid.id, self.place, self.line, self.weight]
 
 

@@ -140,6 +140,9 @@ class Background(nn.Module):
     @property
     def centre_on_cpu(self) -> Float[Tensor, "3"]:
         """The centre where the host may read it; the host waits for the device only after the centre has changed."""
+        if self.centre.is_inference():
+            # Nobody could notice that it has changed.
+            return self.centre.cpu()
         state = (id(self.centre), self.centre._version)
         if self._centre_on_cpu is None or self._centre_on_cpu[0] != state:
             self._centre_on_cpu = (state, self.centre.cpu())

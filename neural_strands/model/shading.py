@@ -102,6 +102,9 @@ class PointShading(nn.Module):
         # The linear decode is the part of the response that is independent of direction: a bias.
         decode = torch.cat([self.mean[:, None], self.decode], dim=1).flatten()
         response = F.linear(hidden, self.outer, decode).unflatten(1, (3, 1 + own.shape[1]))
+        if own.device.type != "cpu":
+            # A matrix product of its own for every point is what libraries for GPUs are worst at.
+            return response[:, :, 0] + (response[:, :, 1:] * own[:, None]).sum(dim=2)
         return torch.baddbmm(response[:, :, :1], response[:, :, 1:], own[:, :, None]).squeeze(2)
 
 

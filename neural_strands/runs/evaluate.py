@@ -1,8 +1,9 @@
 """Evaluation of a finished or stopped fit: figures, and the report page."""
 
+import copy
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from neural_strands.evaluation.strands_in_view import StrandsInView, mean_strand
 from neural_strands.evaluation.timing import time_function
 from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, mean_quality, view_qualities
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.precision import exact_convolutions
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.views import Views
 from neural_strands.lmvs.files import load_segments
@@ -193,11 +195,20 @@ def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
 
 def _rendered_views(run: RunContents, photographs: Views, in_views: list[StrandsInView]) -> Iterator[RenderedView]:
     """Each evaluated view as the model renders it, beside its photograph; how its strands agree joins `in_views`."""
+    renderer = _in_float32(run.renderer)
     for index in run.shown:
         view = photographs[index]
-        output = run.renderer.render(view.camera)
+        with exact_convolutions():
+            output = renderer.render(view.camera)
         in_views.append(strands_in_view(output.lines, run.renderer.strands.points, output.alpha, view))
         yield RenderedView(view.camera.name, output.rgb.clamp(0, 1), view.image, view.hair_mask, output.alpha)
+
+
+def _in_float32(renderer: HairRenderer) -> HairRenderer:
+    """The renderer without half precision: scores of a GPU are comparable with those of a CPU."""
+    model = copy.copy(renderer.model)
+    model.config = replace(model.config, mixed_precision=False)
+    return replace(renderer, model=model)
 
 
 def _unseen_percent(run: RunContents, photographs: Views) -> float:

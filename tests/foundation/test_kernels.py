@@ -9,7 +9,7 @@ import pytest
 import torch
 import warp as wp
 
-from neural_strands.foundation.kernels import SMALLEST_SHARE, array, launch, launch_split, run_together
+from neural_strands.foundation.kernels import SMALLEST_SHARE, array, launch, launch_split, on_torch_stream, run_together
 
 
 @wp.kernel
@@ -41,6 +41,29 @@ def test_split_launch_covers_every_item(count: int, device: torch.device, genera
     result = torch.full_like(values, -1.0)
     launch_split(_square, count, [array(values), array(result)], device)
     assert torch.equal(result, values * values)
+
+
+def test_trees_and_grids_are_built_on_torchs_stream(monkeypatch: pytest.MonkeyPatch):
+    order = []
+
+    class Scope:
+        def __init__(self, stream, sync_enter):
+            order.append((stream, sync_enter))
+
+        def __enter__(self):
+            order.append("in")
+
+        def __exit__(self, *_):
+            order.append("out")
+
+    monkeypatch.setattr(torch.cuda, "current_stream", lambda device: f"current of {device}")
+    monkeypatch.setattr(wp, "stream_from_torch", lambda stream: f"as Warp's: {stream}")
+    monkeypatch.setattr(wp, "ScopedStream", Scope)
+    with on_torch_stream("cpu"):
+        assert order == []
+    with on_torch_stream(torch.device("cuda", 1)):
+        order.append("built")
+    assert order == [("as Warp's: current of cuda:1", False), "in", "built", "out"]
 
 
 def test_array_shares_memory_and_drops_gradients():

@@ -2,7 +2,16 @@
 
 import torch
 
-from neural_strands.model.compositing import REACH, near_hair
+from neural_strands.model.compositing import REACH, Background, SurroundConfig, near_hair
+
+
+def test_the_centre_is_the_present_one_with_and_without_inference_mode():
+    for inference in (False, True):
+        with torch.inference_mode(inference):
+            background = Background(torch.tensor([1.0, 2.0, 3.0]), SurroundConfig())
+            assert background.centre_on_cpu.tolist() == [1, 2, 3]
+            background.centre[0] = 4.0
+            assert background.centre_on_cpu.tolist() == [4, 2, 3]
 
 
 def test_hair_is_near_its_strands_alone():

@@ -340,7 +340,9 @@ def emulated_cuda() -> Iterator[torch.device]:
         (wp, "launch", launch),
         (wp, "device_from_torch", device_from_torch),
         (wp, "stream_from_torch", lambda *_: _WARP_STREAM),
+        (wp, "ScopedStream", lambda *_, **__: contextlib.nullcontext()),
         (wp, "HashGrid", _HashGrid),
+        (Tensor, "pin_memory", lambda tensor: tensor),
         (kernels, "load", load_module),
         (ThreadPoolExecutor, "submit", _submit),
     ]
