@@ -71,5 +71,8 @@ class HaircutPanel:
         if self._plane is None:
             self._show.value = True
         if self._plane is None:
+            # The box was ticked a moment ago, and its answer is still on the way.
+            self._set_plane()
+        if self._plane is None:
             raise InputError("haircut: expected hair to put a plane through, found none; undo an edit.")
         return Haircut(plane=self._plane.place(), uneven=rough, region=region)
