@@ -27,7 +27,7 @@ from neural_strands.capture.hold_out import HOLD_OUT_EVERY, training_views
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, fit_to_head, score_geometry
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.fitting.config import preset
-from neural_strands.fitting.first_strands import hair_flow
+from neural_strands.fitting.first_strands import hair_flow, hair_roots
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.flow.tracing import trace_hair
 from neural_strands.foundation.files import write_json
@@ -42,7 +42,6 @@ from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.pictures.encoding import write_png
 from neural_strands.pictures.lines import lines_picture
 from neural_strands.scalp.head import Head
-from neural_strands.scalp.roots import sample_roots
 
 STRICT = THRESHOLDS[:3]
 """The thresholds that are reported."""
@@ -141,8 +140,9 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
         points = read_groom(arguments.runs / case.name / "strands.npz").strands().points
     else:
         kept = capture.subset(training_views(len(capture), HOLD_OUT_EVERY))
-        roots = sample_roots(head, arguments.strands, torch.Generator().manual_seed(seed))
-        flow = hair_flow(segments, kept.views_on(), head.mesh, roots, config.initial)
+        views, random = kept.views_on(), torch.Generator().manual_seed(seed)
+        roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
+        flow = hair_flow(segments, views, head.mesh, roots, config.initial)
         points = trace_hair(flow, roots.position, roots.normal, config.initial.trace).points
     true, ours = sample_strands(truth.points), sample_strands(points)
     scores = score_geometry(ours, true, STRICT)

@@ -23,7 +23,7 @@ from neural_strands.capture.head import find_head
 from neural_strands.evaluation.geometry_metrics import Agreement, Threshold, matched_shares
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
 from neural_strands.fitting.config import preset
-from neural_strands.fitting.first_strands import hair_flow
+from neural_strands.fitting.first_strands import hair_flow, hair_roots
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.flow.tracing import TracedStrands, trace_hair
 from neural_strands.flow.unseen import unseen_points
@@ -37,7 +37,6 @@ from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.lmvs.files import load_segments
 from neural_strands.pictures.encoding import write_png
 from neural_strands.pictures.lines import lines_picture
-from neural_strands.scalp.roots import sample_roots
 
 MATCH = Threshold(0.005, math.radians(40))
 STEP = 0.002
@@ -131,8 +130,8 @@ def main(arguments: Arguments) -> None:
     else:
         work = arguments.capture.parent / f"{arguments.capture.name}_front"
         segments = find_segments(kept, head, config, work, track)
-    roots = sample_roots(head, arguments.strands, torch.Generator().manual_seed(0))
     views = kept.views_on()
+    roots = hair_roots(head, arguments.strands, views, config.initial.hull, torch.Generator().manual_seed(0))
     flow = hair_flow(segments, views, head.mesh, roots, config.initial)
     found = trace_hair(flow, roots.position, roots.normal, config.initial.trace)
     index = MeshIndex(head.mesh)

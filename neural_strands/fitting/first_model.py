@@ -6,13 +6,12 @@ from pathlib import Path
 import torch
 
 from neural_strands.fitting.config import FitConfig
-from neural_strands.fitting.first_strands import flow_latents, hair_flow, texture_from_latents
+from neural_strands.fitting.first_strands import flow_latents, hair_flow, hair_roots, texture_from_latents
 from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.seen_directions import seen_from
 from neural_strands.prior.vae import StrandPrior, load_prior
-from neural_strands.scalp.roots import sample_roots
 
 
 def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
@@ -29,7 +28,7 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     """A model with its roots and, if configured, first strands traced through the flow of the segments."""
     device = data.segments.points.device
     random = torch.Generator().manual_seed(config.seed)
-    roots = sample_roots(data.head.to("cpu"), config.strands, random)
+    roots = hair_roots(data.head, config.strands, data.views, config.initial.hull, random)
     model = HairModel(config.model, roots, prior.generator, data.head.to("cpu").mesh, random).to(device)
     places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
     model.seen_from = seen_from(places, model.background.centre.cpu())

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
-from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
+from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull, hairy_points
 from neural_strands.flow.tracing import TraceConfig, trace_hair
 from neural_strands.flow.unseen import UnseenConfig, guess_unseen, head_layer
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
@@ -22,10 +22,17 @@ from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.raster.texture import sample_texture
-from neural_strands.scalp.roots import Roots
+from neural_strands.scalp.head import Head
+from neural_strands.scalp.roots import Roots, sample_roots
 
 VOXEL_BYTES = 180
 """Bytes of all arrays together that `hair_flow` holds at its peak for each voxel of its grid (152 and 181 measured)."""
+
+
+ABOVE_ROOT = 0.003
+"""Metres above a root at which views are asked whether hair grows there."""
+LEAST_HAIRY = 0.3
+"""Share of the scalp that masks of its own hair cover at least."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,43 @@ def _hair_masks(views: Views, before: Sequence[HeadView]) -> Iterator[tuple[Head
         mask = views.hair_mask(index) if views.has_hair_mask[index] else None
         if mask is not None:
             yield view, mask
+
+
+def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generator: torch.Generator) -> Roots:
+    """Roots all over the scalp, but for where a view shows it bare: a head's chart may be larger than its hair.
+
+    Where the views leave less than `LEAST_HAIRY` of the scalp, masks and head do not belong together, and every root
+    is kept.
+
+    Args:
+        head: mesh and chart, on the device of the views.
+        count: number of roots, which lie on the CPU.
+        views: with hair masks, if there are any.
+        config: how strictly a view declares a place bare.
+        generator: of the roots.
+    """
+    # Drawn on the CPU, they are the same on every device.
+    scalp, device = head.to("cpu"), head.mesh.vertices.device
+    roots = sample_roots(scalp, count, generator)
+    if not any(views.has_hair_mask):
+        return roots
+    index = MeshIndex(head.mesh)
+    before = [HeadView.of(camera, index) for camera in views.cameras]
+
+    def hairy(some: Roots) -> Bool[Tensor, " root"]:
+        points = (some.position + ABOVE_ROOT * some.normal).to(device)
+        return hairy_points(points, _hair_masks(views, before), config).cpu()
+
+    kept = hairy(roots)
+    share = float(kept.float().mean())
+    if share == 1 or share < LEAST_HAIRY:
+        return roots
+    many = count
+    while len(found := roots.select(kept)) < count:
+        many += max(round((count - len(found)) / share), 1)
+        roots = sample_roots(scalp, many, generator)
+        kept = hairy(roots)
+    return found.select(torch.arange(count))
 
 
 def flow_latents(

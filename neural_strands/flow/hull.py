@@ -13,7 +13,7 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.signed_distance import signed_distance
-from neural_strands.geometry.visual_hull import HeadView, Silhouette, visual_hull
+from neural_strands.geometry.visual_hull import HeadView, Silhouette, possible_points, visual_hull
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
@@ -47,17 +47,35 @@ def hair_hull(
     """
     config = config or HullConfig()
     nodes = grid.nodes(head.vertices.device)
-    middle = nodes.mean(dim=(0, 1, 2))
-
-    def silhouettes() -> Iterator[Silhouette]:
-        for view, mask in views:
-            footprint = view.camera.footprint(float((view.camera.position - middle).norm()))
-            covered = widen(mask, round(config.mask_margin / footprint)) >= config.mask_threshold
-            yield Silhouette(view, covered)
-
-    possible = visual_hull(grid, silhouettes(), torch.ones(grid.shape, dtype=torch.bool, device=nodes.device))
+    silhouettes = _silhouettes(views, nodes.mean(dim=(0, 1, 2)), config)
+    possible = visual_hull(grid, silhouettes, torch.ones(grid.shape, dtype=torch.bool, device=nodes.device))
     possible[possible.clone()] = _outside_head(nodes[possible], head, distance, config.head_depth)
     return possible
+
+
+def hairy_points(
+    points: Float[Tensor, "point 3"],
+    views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]],
+    config: HullConfig | None = None,
+) -> Bool[Tensor, " point"]:
+    """Which points no view shows to be bare; the head hides what is behind it.
+
+    Args:
+        points: world metres, a little off the head: on its surface, the head might hide them from every view.
+        views: each view with its hair coverage in [0, 1], read one at a time.
+        config: tolerances.
+    """
+    return possible_points(points, _silhouettes(views, points.mean(dim=0), config or HullConfig()))
+
+
+def _silhouettes(
+    views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]], middle: Float[Tensor, "3"], config: HullConfig
+) -> Iterator[Silhouette]:
+    """Where each view may show hair: its mask, widened by what it is off at the middle of the hair."""
+    for view, mask in views:
+        footprint = view.camera.footprint(float((view.camera.position - middle).norm()))
+        covered = widen(mask, round(config.mask_margin / footprint)) >= config.mask_threshold
+        yield Silhouette(view, covered)
 
 
 def covered_volume(

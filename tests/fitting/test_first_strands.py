@@ -10,8 +10,9 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.evaluation.geometry_metrics import Threshold, matched_shares
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
-from neural_strands.fitting.first_strands import InitialConfig, hair_flow
+from neural_strands.fitting.first_strands import InitialConfig, hair_flow, hair_roots
 from neural_strands.flow.field import FlowConfig
+from neural_strands.flow.hull import HullConfig
 from neural_strands.flow.tracing import TracedStrands, trace_hair
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import lengths
@@ -95,3 +96,28 @@ def test_where_views_see_everything_nothing_is_guessed(head):
     strands = combed_strands(6000)
     found = first_strands(hair_views(strands, head), true_segments(strands), head)
     assert (found.unseen == 0).all()
+
+
+def test_roots_keep_off_what_a_view_shows_bare(head):
+    # Hair on the right half alone; the chart covers both.
+    strands = combed_strands(6000)
+    views = hair_views(strands[strands[:, 0, 0] > 0], head)
+    config, draw = HullConfig(mask_margin=0.004), torch.Generator
+    all_over = sample_roots(head, 400, draw().manual_seed(0)).position
+    roots = hair_roots(head, 400, views, config, draw().manual_seed(0))
+    assert len(roots) == 400
+    assert (all_over[:, 0] < -0.02).float().mean() > 0.2
+    assert not (roots.position[:, 0] < -0.02).any()
+    places = (all_over[:, 0] > 0.02) & (all_over[:, 1] > 0.3 * RADIUS)
+    # None is lost where hair is: each place has a root as near as one of so many can be.
+    gap = torch.cdist(all_over[places], roots.position).amin(dim=1)
+    assert gap.max() < 0.02
+    again = hair_roots(head, 400, views, config, draw().manual_seed(0))
+    assert torch.equal(again.position, roots.position)
+
+
+def test_masks_that_leave_no_scalp_do_not_move_roots(head):
+    empty = hair_views(combed_strands(10), head)
+    every = sample_roots(head, 100, torch.Generator().manual_seed(0))
+    kept = hair_roots(head, 100, empty, HullConfig(mask_margin=0.0), torch.Generator().manual_seed(0))
+    assert torch.equal(kept.position, every.position)
