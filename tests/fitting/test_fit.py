@@ -86,7 +86,7 @@ def test_every_fifth_view_is_held_out(scene):
 
 
 def test_a_fit_brings_strands_from_anywhere_to_the_segments(scene):
-    config = tiny_config(steps=40, initialise="mean", rates=FitRates(shape=3e-2))
+    config = tiny_config(steps=60, initialise="mean", rates=FitRates(shape=3e-2))
     config = replace(config, schedule=replace(config.schedule, geometry_only=1.0))
     state, data = begin_tiny(scene, config)
     coverage = [row["coverage"] for row in run(state, data, config)]
