@@ -72,7 +72,7 @@ print(json.dumps({"runs": len(state.read_text())}))
     assert gpu.run(part, tmp_path, 60.0, whole=True)
     record = json.loads((tmp_path / "fit.json").read_text())
     assert record["runs"] == 2
-    assert record["seconds"] > 2
+    assert record["seconds"] >= 2
 
 
 def test_a_part_that_cannot_end_in_a_call_fails_only_if_it_had_the_whole_call(gpu, tmp_path):

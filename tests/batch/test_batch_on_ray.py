@@ -20,16 +20,16 @@ RESULTS = ("run/groom.npz", "run/groom.usd", "run/model/model.safetensors", "run
 def nodes():
     """Two nodes; they end with the test."""
     pytest.importorskip("ray", reason="the extra batch is not installed")
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, str(SUPPORT / "ray_nodes.py")],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-    )
-    yield process
-    process.stdin.close()
-    assert process.wait(60) == 0
+    ) as process:
+        yield process
+        process.stdin.close()
+        assert process.wait(60) == 0
 
 
 def started(words, folder):
