@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from neural_strands import __version__
 from neural_strands.capture.capture import Capture
@@ -172,11 +173,20 @@ def check_same(folder: RunFolder, wanted: RunDescription) -> None:
         )
     if stored.config != wanted.config:
         ours, theirs = dataclasses.asdict(wanted.config), dataclasses.asdict(stored.config)
-        name = next(name for name in ours if ours[name] != theirs[name])
+        name, theirs, ours = _first_difference(theirs, ours)
         raise InputError(
-            f"{folder.path}: this run began with {name} = {theirs[name]}, found {ours[name]}; "
+            f"{folder.path}: this run began with {name} = {theirs}, found {ours}; "
             "give the settings it began with, or fit into a new folder."
         )
+
+
+def _first_difference(theirs: Any, ours: Any) -> tuple[str, Any, Any]:
+    """The first setting in which two nested mappings of the same names differ: its dotted name and both values."""
+    names: list[str] = []
+    while isinstance(ours, dict):
+        names.append(next(name for name in ours if ours[name] != theirs[name]))
+        theirs, ours = theirs[names[-1]], ours[names[-1]]
+    return ".".join(names), theirs, ours
 
 
 def weights_digest(prior: StrandPrior) -> str:

@@ -102,6 +102,8 @@ def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
     capsys.readouterr()
     assert main(fit_arguments(tiny, "--resume", "--strands", "100")) == 2
     assert "began with strands = 200, found 100" in capsys.readouterr().err
+    assert main(fit_arguments(tiny, "--resume", "--config.weights.alpha", "0.3")) == 2
+    assert "began with weights.alpha = 0.5, found 0.3; give" in capsys.readouterr().err
     assert main(fit_arguments(tiny, "--resume", "--prior", str(other_prior(tiny)))) == 2
     assert "other weights of the strand prior" in capsys.readouterr().err
     changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
