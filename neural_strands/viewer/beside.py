@@ -10,7 +10,7 @@ from neural_strands.viewer.server import check_installed
 
 STANDARD_ERROR = 2
 PATIENCE = 10.0
-"""Seconds that the process may take to end."""
+"""Seconds that the process may take to end by itself."""
 
 
 @contextmanager
@@ -27,4 +27,9 @@ def page_beside(run: Path) -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.wait(PATIENCE)
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            # The page only reads the run, so nothing is lost.
+            process.kill()
+            process.wait()

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.encoding import to_bytes
+from neural_strands.viewer.clay import clay_glb
 from neural_strands.viewer.line_colours import segment_lines, strand_lines
 from neural_strands.viewer.notices import told
 from neural_strands.viewer.page import Page
@@ -75,8 +75,7 @@ def _draw_segments(page: Page) -> None:
 def _draw_head(page: Page) -> None:
     server, scene = page.server, page.scene
     assert scene.head is not None
-    vertices, faces = scene.head.vertices.numpy(), scene.head.faces.numpy().astype(np.uint32)
-    server.scene.add_mesh_simple(HEAD, vertices, faces, color=SKIN, side="double")
+    server.scene.add_glb(HEAD, clay_glb(scene.head, SKIN))
 
 
 def _draw_cameras(page: Page) -> None:

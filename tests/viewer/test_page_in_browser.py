@@ -274,7 +274,7 @@ def test_a_painted_region_is_restyled_alone(tab):
     fitted = tab.scene.strands.points
     tab.open("Edit", "Region")
     tab.page.get_by_label("Paint", exact=True).click()
-    tab.tab.fill("Brush, cm", "2")
+    tab.tab.fill("Brush radius, cm", "2")
     roots = fitted[:, 0]
     tab.page.mouse.click(*tab.pixel(roots[roots[:, 2].argmax()]))
     tab.says("that grow in the painted region")
@@ -289,7 +289,7 @@ def test_a_painted_region_is_restyled_alone(tab):
     tab.tab.wait_for(lambda: tab.painted() > clicked)
     assert tab.served.page.camera_of(tab.client) == view
     tab.open("Edit", "Restyle")
-    tab.tab.fill("Length, times", "0.5")
+    tab.tab.fill("Length factor", "0.5")
     tab.press("Restyle the hair")
     tab.says("restyle: length 0.5 in the painted region")
     moved = (tab.scene.strands.points - fitted).norm(dim=-1).amax(dim=1)

@@ -24,7 +24,7 @@ def add_mix_panel(
     gui = page.server.gui
     other = gui.add_text("Other run", initial_value="", hint="Its folder, on the machine that serves this page")
     share = gui.add_slider(
-        "Its share", min=0.0, max=1.0, step=0.05, initial_value=0.5, hint="0 is this run's hair, 1 the other's"
+        "Share of the other", min=0.0, max=1.0, step=0.05, initial_value=0.5, hint="0 is this run's hair, 1 the other's"
     )
     mix = gui.add_button("Mix the two")
     take = gui.add_button("Take the other's hair", hint="The other run's strands, with the colours of this one")
@@ -48,12 +48,22 @@ def add_sample_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[]
     """
     gui = page.server.gui
     likeness = gui.add_slider(
-        "Likeness", min=0.0, max=1.0, step=0.05, initial_value=Sample.likeness, hint="1 is the hair as it is"
+        "Likeness",
+        min=0.0,
+        max=1.0,
+        step=0.05,
+        initial_value=Sample.likeness,
+        hint="1 keeps this run's hair, 0 takes nothing from it",
     )
     variety = gui.add_slider(
-        "Variety", min=0.0, max=1.0, step=0.05, initial_value=Sample.variety, hint="How much strands differ"
+        "Variety",
+        min=0.0,
+        max=1.0,
+        step=0.05,
+        initial_value=Sample.variety,
+        hint="How much neighbouring strands differ",
     )
-    seed = gui.add_number("Number of the style", initial_value=0, min=0, max=2**31 - 1, step=1)
+    seed = gui.add_number("Style number", initial_value=0, min=0, max=2**31 - 1, step=1)
     grow = gui.add_button("Grow this style")
     grow.on_click(
         lambda event: do(event, "Growing a hairstyle", lambda: Sample(likeness.value, variety.value, int(seed.value)))

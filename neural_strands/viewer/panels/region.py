@@ -14,6 +14,8 @@ from neural_strands.editing.brush import dab_under
 from neural_strands.editing.region import region_weight
 from neural_strands.editing.settings import Dab, Dabs
 from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.viewer.clay import clay_glb
 from neural_strands.viewer.layers import hide
 from neural_strands.viewer.notices import complain
 from neural_strands.viewer.page import Page
@@ -50,7 +52,7 @@ class RegionBrush:
             initial_value=False,
             hint="Click on the scalp, or drag the ball over it; dragging elsewhere turns the head",
         )
-        self._radius = gui.add_slider("Brush, cm", min=0.5, max=8.0, step=0.5, initial_value=3.0, visible=False)
+        self._radius = gui.add_slider("Brush radius, cm", min=0.5, max=8.0, step=0.5, initial_value=3.0, visible=False)
         self._clear = gui.add_button("Clear the region", color="gray", visible=False)
         self._says = gui.add_markdown("")
         self._paint.on_update(lambda _: self._set_painting())
@@ -80,14 +82,10 @@ class RegionBrush:
         """Show a ball on the scalp, above the forehead, that paints where it is dragged."""
         roots, _ = self._roots()
         if len(roots):
-            ball, first = (
-                trimesh.creation.icosphere(subdivisions=2, radius=BALL),
-                roots[roots[:, 1:].sum(dim=1).argmax()],
-            )
-            # The usual material takes a browser without a graphics card many seconds to compile.
-            handle = self._page.server.scene.add_mesh_simple(
-                BRUSH, ball.vertices, ball.faces, color=COLOUR, material="toon3", position=first.cpu().numpy()
-            )
+            first = roots[roots[:, 1:].sum(dim=1).argmax()]
+            sphere = trimesh.creation.icosphere(subdivisions=3, radius=BALL)
+            ball = Mesh(torch.from_numpy(sphere.vertices).float(), torch.from_numpy(sphere.faces).long())
+            handle = self._page.server.scene.add_glb(BRUSH, clay_glb(ball, COLOUR), position=first.cpu().numpy())
             handle.on_drag("left")(self._drag)
 
     def _click(self, event: "viser.SceneClickEvent") -> None:
@@ -96,7 +94,7 @@ class RegionBrush:
         except InputError as error:
             complain(event.client, error)
 
-    def _drag(self, event: "viser.SceneNodeDragEvent[viser.MeshHandle]") -> None:
+    def _drag(self, event: "viser.SceneNodeDragEvent[viser.GlbHandle]") -> None:
         eye = torch.tensor(event.client.camera.position)
         # Beside the scalp the ball waits where it was.
         with contextlib.suppress(InputError):
@@ -131,11 +129,11 @@ class RegionBrush:
         roots, uv = self._roots()
         if not self._dabs or not len(roots):
             hide(self._page.server, NAME)
-            self._says.content = "Haircut and restyling change all of the hair."
+            self._says.content = "Nothing is painted: edits change all of the hair."
             return
         painted = roots[region_weight(uv, self.dabs()) > 0].cpu().numpy()
         self._says.content = (
-            f"Haircut and restyling change the {len(painted):,} strands that grow in the painted region."
+            f"Haircut, restyling and mixing change only the {len(painted):,} strands that grow in the painted region."
         )
         self._page.server.scene.add_point_cloud(
             NAME, painted, np.array(COLOUR, np.uint8), point_size=DOT, point_shape="circle", precision="float32"

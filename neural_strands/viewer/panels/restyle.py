@@ -23,7 +23,7 @@ def add_restyle_panel(
         do: carries out an edit, says so, and lists it.
     """
     gui = page.server.gui
-    length = gui.add_slider("Length, times", min=0.2, max=2.0, step=0.05, initial_value=1.0)
+    length = gui.add_slider("Length factor", min=0.2, max=2.0, step=0.05, initial_value=1.0)
     curl = gui.add_slider("Curl", min=-1.0, max=2.0, step=0.1, initial_value=0.0, hint="Below 0 straightens")
     wave = gui.add_slider("Wave", min=0.0, max=2.0, step=0.1, initial_value=0.0, hint="Give waves or curls, not both")
     volume = gui.add_slider(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 DIRECTIONS: dict[str, tuple[float, float, float]] = {
     "from the left": (1.0, 0.0, 0.0),
     "from the right": (-1.0, 0.0, 0.0),
-    "into the face": (0.0, 0.0, -1.0),
+    "from the front": (0.0, 0.0, -1.0),
     "from behind": (0.0, 0.0, 1.0),
     "from below": (0.0, 1.0, 0.0),
 }
