@@ -1,8 +1,7 @@
-"""The random walk against a dense solve, and colour histograms."""
+"""The random walk against a dense solve."""
 
 import numpy as np
 
-from neural_strands.preparation.masks.colours import BINS, ColourHistogram, colour_cells
 from neural_strands.preparation.masks.random_walk import CONTRAST, LEAST_LINK, random_walk
 
 
@@ -39,15 +38,3 @@ def test_evidence_spreads_up_to_an_edge():
     walked = random_walk(picture, evidence, 0.01)
     assert (walked[:, :10] > 0.5).all()
     assert (walked[:, 10:] < 0.5).all()
-
-
-def test_a_histogram_knows_its_colours():
-    picture = np.zeros((8, 8, 3), np.uint8)
-    picture[:4] = (200, 150, 120)
-    cells = colour_cells(picture)
-    assert cells.min() >= 0
-    assert cells.max() < BINS**3
-    model = ColourHistogram.of([cells[:4], cells[:0]])
-    assert (model(cells[:4]) > 100 * model(cells[4:])).all()
-    assert np.isclose(model.density.mean(), 1.0)
-    assert np.isclose(ColourHistogram.of([]).density, 1.0).all()

@@ -1,9 +1,9 @@
-"""Masks of the hair without any model of hair: the placed head, the person's outline and colour.
+"""Masks of the hair without any model of hair: the placed head, the person's outline, colour and texture.
 
-A pixel is hair, the rest of the person, or background. The head says where hair is likely (`zones.py`); the colours of
-hair are one histogram over all views, begun on the scalp above the forehead and beside the head; those of skin, clothes
+A pixel is hair, the rest of the person, or background. The head says where hair is likely (`zones.py`); the look of
+hair is one histogram over all views, begun on the scalp above the forehead and beside the head; those of skin, clothes
 and background are each view's own. A random walk draws the border along edges. Then the views vote on each point of the
-head's surface, so that all agree on the hairline, colours are learned again from what was found, and it is done again.
+head's surface, so that all agree on the hairline, looks are learned again from what was found, and it is done again.
 """
 
 from collections.abc import Sequence
@@ -16,8 +16,8 @@ import torch
 
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
-from neural_strands.preparation.masks.colours import ColourHistogram, colour_cells
 from neural_strands.preparation.masks.finish import finish_mask
+from neural_strands.preparation.masks.looks import LookHistogram, look_cells
 from neural_strands.preparation.masks.random_walk import random_walk
 from neural_strands.preparation.masks.zones import ZonedHead, Zones, votes
 from neural_strands.preparation.photographs.folder import read_picture
@@ -25,15 +25,15 @@ from neural_strands.preparation.photographs.folder import read_picture
 LONGEST_SIDE = 1024
 """Pixels at which masks are computed; larger pictures get theirs enlarged."""
 ROUNDS = 2
-STRENGTH = 0.06
+STRENGTH = 0.15
 """Of the evidence against a link of the random walk."""
 SURE = 0.9
-"""Probability from which a pixel teaches a colour."""
+"""Probability from which a pixel teaches a look."""
 PERSON_RANGE = (0.02, 0.98)
 """How sure the person's outline may be: it comes from a coarse network."""
 VOTE_RANGE = (0.02, 0.98)
 DOUBT = 0.1
-"""Weight with which a pixel teaches the colours of skin or clothes though those of hair explain it better."""
+"""Weight with which a pixel teaches the look of skin or clothes though that of hair explains it better."""
 FRONTAL = 0.7
 """Cosine to the front from which a view shows the face: from the side hair hangs before it."""
 WISPS, WISP_WEIGHT = 0.012, 0.6
@@ -62,7 +62,7 @@ class _Seen:
 
     Attributes:
         picture: 8-bit RGB.
-        cells: of colour.
+        cells: of colour and texture.
         zones: what the head says of its pixels.
         person: (height, width) probability of the person.
         frontal: whether the face is seen from the front.
@@ -105,8 +105,8 @@ def find_hair(
     vote = np.zeros(0)
     for number in range(ROUNDS):
         frontal = [view for view in seen if view.frontal] or seen
-        skin = ColourHistogram.of([view.cells[view.zones.face] for view in frontal])
-        hair = _hair_colours(seen, found, skin)
+        skin = LookHistogram.of([view.cells[view.zones.face] for view in frontal])
+        hair = _hair_look(seen, found, skin)
         found = [
             _segment(view, guess, (hair, skin), head, camera, prior)
             for view, guess, camera in track(
@@ -122,7 +122,7 @@ def find_hair(
     coverage = tuple(
         finish_mask(
             guess,
-            view.zones.prior,
+            view.zones.prior * view.person,
             view.zones.below_chin,
             camera.footprint(_distance(camera, head)),
             (full.width, full.height),
@@ -153,7 +153,7 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
         person = 1.0 / (1.0 + np.exp(np.clip((gap - reach) / (0.3 * reach), -30, 30)))
     towards = torch.nn.functional.normalize(camera.position - head.head.scalp_mesh.corners().mean(dim=(0, 1)), dim=0)
     person = np.clip(person, *PERSON_RANGE).astype(np.float32)
-    return _Seen(picture, colour_cells(picture), zones, person, float(towards[2]) > FRONTAL)
+    return _Seen(picture, look_cells(picture), zones, person, float(towards[2]) > FRONTAL)
 
 
 def _distance(camera: Camera, head: ZonedHead) -> float:
@@ -162,34 +162,34 @@ def _distance(camera: Camera, head: ZonedHead) -> float:
 
 
 def _first_guess(view: _Seen) -> np.ndarray:
-    """Where hair is before its colour is known: on the scalp's inside, and the person beside the head."""
+    """Where hair is before its look is known: on the scalp's inside, and the person beside the head."""
     return view.zones.prior * view.person
 
 
-def _hair_colours(seen: Sequence[_Seen], found: Sequence[np.ndarray], skin: ColourHistogram) -> ColourHistogram:
-    """The colours of what is surely hair, twice: the second time without the pixels that skin explains better."""
+def _hair_look(seen: Sequence[_Seen], found: Sequence[np.ndarray], skin: LookHistogram) -> LookHistogram:
+    """The look of what is surely hair, twice: the second time without the pixels that skin explains better."""
     sure = [view.cells[guess > SURE] for view, guess in zip(seen, found, strict=True)]
-    hair = ColourHistogram.of(sure)
-    return ColourHistogram.of([cells[hair(cells) > skin(cells)] for cells in sure])
+    hair = LookHistogram.of(sure)
+    return LookHistogram.of([cells[hair(cells) > skin(cells)] for cells in sure])
 
 
 def _segment(
     view: _Seen,
     guess: np.ndarray,
-    colours: tuple[ColourHistogram, ColourHistogram],
+    looks: tuple[LookHistogram, LookHistogram],
     head: ZonedHead,
     camera: Camera,
     prior: torch.Tensor | None,
 ) -> np.ndarray:
-    """Evidence of each pixel from zone, outline and colour, then the random walk."""
+    """Evidence of each pixel from zone, outline and look, then the random walk."""
     zones = view.zones if prior is None else head.seen_by(camera, prior)
     is_person = view.person > 0.5
-    hair, all_skin = colours
+    hair, all_skin = looks
     trust = np.where(hair(view.cells) > all_skin(view.cells), DOUBT, 1.0)
-    own_skin = ColourHistogram.of([view.cells[zones.face]], [trust[zones.face]]) if view.frontal else all_skin
+    own_skin = LookHistogram.of([view.cells[zones.face]], [trust[zones.face]]) if view.frontal else all_skin
     others = is_person & (guess < 0.5) & ~zones.face
-    rest = ColourHistogram.of([view.cells[others]], [trust[others]])
-    background = ColourHistogram.of([view.cells[view.person < 0.1]])
+    rest = LookHistogram.of([view.cells[others]], [trust[others]])
+    background = LookHistogram.of([view.cells[view.person < 0.1]])
     of_hair = view.person * zones.prior * hair(view.cells)
     of_person = (
         view.person
