@@ -12,6 +12,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
+from neural_strands.evaluation.exposure_match import mean_matched_psnr
 from neural_strands.evaluation.geometry_metrics import (
     THRESHOLDS,
     GeometryScore,
@@ -74,6 +75,7 @@ class Evaluation:
                 "held_out": self.held_out,
                 "count": len(self.views),
                 **hair,
+                "psnr_at_exposure": mean_matched_psnr([each.view for each in self.views]),
                 "image": means["image"],
                 "alpha": means["alpha"],
                 "lpips_note": self.lpips_note,
