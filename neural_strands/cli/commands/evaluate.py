@@ -21,11 +21,10 @@ class Evaluate:
     """Where to compute."""
     json: bool = False
     """Print one JSON object: strands and lmvs (percent at each threshold, where there is a ground truth),
-    held_out_views (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure" after a gain for each channel, told
-    by what is not hair; the same under "image" over the whole image; the error of the "alpha" map; in "lpips_note" that
-    LPIPS is a training loss too), strands_in_views_percent (of the same
-    views: "direction", drawn strands within 20 degrees of the photograph's streaks, and hair "on_background"),
-    unseen_strands_percent, milliseconds, inside_head_percent."""
+    held_out_views (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure" after a gain for each channel,
+    told by what is not hair; the same under "image" over the whole image; the error of the "alpha" map; in "lpips_note"
+    that LPIPS is a training loss too), strands_in_views_percent (of the same views: "direction", drawn strands within
+    20 degrees of the photograph's streaks, and hair "on_background"), unseen_strands_percent, milliseconds, inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""
