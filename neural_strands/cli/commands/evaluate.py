@@ -24,7 +24,8 @@ class Evaluate:
     held_out_views (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure" after a gain for each channel,
     told by what is not hair; the same under "image" over the whole image; the error of the "alpha" map; in "lpips_note"
     that LPIPS is a training loss too), strands_in_views_percent (of the same views: "direction", drawn strands within
-    20 degrees of the photograph's streaks, and hair "on_background"), unseen_strands_percent, milliseconds, inside_head_percent."""
+    20 degrees of the photograph's streaks, and hair "on_background"), unseen_strands_percent, milliseconds,
+    inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""
