@@ -4,10 +4,12 @@
 
 A groom is path traced before and after a haircut, with the same cameras, lights and pigments. Appearance is fitted to
 the pictures of before, on the true strands, so that geometry plays no part. Then the true strands are cut and rendered:
-as an edit renders them, in the light that reaches them now; with the density of the hair that is left but in the light
-of before; and as if nothing about them had changed. Scores are those of the hair in the pictures of after, in which the
-fit had no share; bias is the mean of render minus truth there, in 8-bit levels. Prints one JSON object, and writes rows
-of pictures under --out: before, rendered and true; after, rendered in these three ways, and true.
+as an edit renders them, in the light that reaches them now, and skin that hair hid in the colour of the skin around it;
+with that skin as the fit left it; with the density of the hair that is left but in the light of before; and as if
+nothing about them had changed. Scores are those of the hair in the pictures of after, in which the fit had no share;
+bias is the mean of render minus truth there, in 8-bit levels; uncovered is the PSNR of the skin that hair hid before.
+Prints one JSON object, and writes rows of pictures under --out: before, rendered and true; after, rendered in these
+four ways, and true.
 """
 
 import json
@@ -122,27 +124,38 @@ def compared(
     lpips, reason = find_lpips("squeeze", fetch=False)
     uncut = HairRenderer.of(model, strands)
     new = uncut.showing(after)
+    assert new.light is not None
+    learned = replace(new.light.skin, share=torch.zeros_like(new.light.skin.share))
     renderers = {
         "lit_anew": new,
+        "skin_as_learned": replace(new, light=replace(new.light, skin=learned)),
         "follows_the_cut": replace(new, light=None),
         "ignores_the_cut": replace(new, light=None, volume=uncut.volume),
     }
     rows: dict[str, list[list[float]]] = {name: [] for name in ("before", *renderers)}
     biases: dict[str, list[float]] = {name: [] for name in renderers}
+    errors: dict[str, list[torch.Tensor]] = {name: [] for name in renderers}
     for view, true in zip(views, truth, strict=True):
         first = uncut.render(view.camera).rgb
         rows["before"].append(scores(first, view, lpips))
         pictures = [first, view.image]
-        hair = true.hair_mask > 0.5 if true.hair_mask is not None else slice(None)
+        assert view.hair_mask is not None
+        assert true.hair_mask is not None
+        assert true.person_mask is not None
+        hair = true.hair_mask > 0.5
+        uncovered = (view.hair_mask > 0.95) & (true.hair_mask < 0.05) & (true.person_mask > 0.95)
         for name, renderer in renderers.items():
             picture = renderer.render(true.camera).rgb
             rows[name].append(scores(picture, true, lpips))
-            biases[name].append(255 * float((picture.clamp(0, 1) - true.image)[hair].mean()))
+            error = picture.clamp(0, 1) - true.image
+            biases[name].append(255 * float(error[hair].mean()))
+            errors[name].append(error[uncovered].flatten())
             pictures.append(picture)
         write_png((out / "rows" / view.camera.name).with_suffix(".png"), torch.cat([*pictures, true.image], dim=1))
     figures: dict[str, object] = {name: summary(values) for name, values in rows.items()}
     for name, values in biases.items():
         figures[f"bias_{name}"] = round(sum(values) / len(values), 2)
+        figures[f"uncovered_{name}"] = round(-10 * float(torch.cat(errors[name]).square().mean().log10()), 2)
     return {**figures, "lpips": reason or "squeeze"}
 
 

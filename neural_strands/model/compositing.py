@@ -66,6 +66,21 @@ class SurroundWeights:
     background: Float[Tensor, "height width"]
 
 
+@dataclass(frozen=True)
+class SkinChange:
+    """What the colours of a body become, at its vertices.
+
+    Attributes:
+        factor: of the learned colours.
+        instead: linear colours in place of the learned ones.
+        share: of those, from 0 to 1.
+    """
+
+    factor: Float[Tensor, " vertex"]
+    instead: Float[Tensor, "vertex 3"]
+    share: Float[Tensor, " vertex"]
+
+
 class Body(nn.Module):
     """A mesh with learned colours; a mesh without faces covers nothing."""
 
@@ -87,25 +102,33 @@ class Body(nn.Module):
         """The mesh itself."""
         return Mesh(self.vertices, self.faces, self.corner_uv)
 
+    def vertex_colours(self) -> Float[Tensor, "vertex 3"]:
+        """Linear colours at the vertices; of a texture, at one of the places that a vertex has in it."""
+        if self.corner_uv is None:
+            return self.colour
+        uv = self.corner_uv.new_zeros(len(self.vertices), 2)
+        uv[self.faces.flatten()] = self.corner_uv.flatten(0, 1)
+        return sample_texture(self.colour, uv)
+
     def forward(
-        self, camera: Camera, seen: TriangleBuffer | None = None, light: Float[Tensor, " vertex"] | None = None
+        self, camera: Camera, seen: TriangleBuffer | None = None, change: SkinChange | None = None
     ) -> BodyImage:
         """Draw the body.
 
         Args:
             camera: the view.
             seen: the rasterised mesh, if it is already known.
-            light: factors of the colours at the vertices.
+            change: what its colours become, if not what was learned.
         """
         seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
         covered, (height, width) = seen.face >= 0, seen.face.shape
         if covered.device.type == "cuda" and len(self.faces):
             # To find the pixels of the body the host would have to wait for the device; to colour all, it does not.
-            colour = self._colours(seen.face.view(-1).clamp(min=0), seen.barycentric.view(-1, 3), light)
+            colour = self._colours(seen.face.view(-1).clamp(min=0), seen.barycentric.view(-1, 3), change)
             image = torch.where(covered.view(-1, 1), colour, 0.0)
         else:
             pixels = torch.nonzero(covered.view(-1)).squeeze(1)
-            colour = self._colours(seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels], light)
+            colour = self._colours(seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels], change)
             image = colour.new_zeros(height * width, 3).index_copy(0, pixels, colour)
         return BodyImage(image.view(height, width, 3), covered.to(colour.dtype), seen.depth)
 
@@ -113,16 +136,18 @@ class Body(nn.Module):
         self,
         face: Int64[Tensor, " pixel"],
         barycentric: Float[Tensor, "pixel 3"],
-        light: Float[Tensor, " vertex"] | None,
+        change: SkinChange | None,
     ) -> Float[Tensor, "pixel 3"]:
         """Linear colours of places on faces."""
         if self.corner_uv is None:
             colour = interpolate(self.colour[self.faces], face, barycentric)
         else:
             colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
-        if light is None:
+        if change is None:
             return colour
-        return colour * interpolate(light[self.faces][..., None], face, barycentric)
+        at_vertices = torch.cat([change.factor[:, None], change.share[:, None], change.instead], dim=1)
+        factor, share, instead = interpolate(at_vertices[self.faces], face, barycentric).split([1, 1, 3], dim=1)
+        return torch.lerp(colour * factor, instead, share)
 
 
 class Background(nn.Module):

@@ -4,6 +4,9 @@ What a fit learns holds the shadows of the hair that was there. Edited hair lets
 colours are multiplied by the light that reaches a place now over the light that reached it then. Light comes evenly
 from all around. On its way a share of it is lost to every fibre that it crosses, as in the dual scattering of Zinke et
 al. 2008, and the head lets none through.
+
+Skin that lay beneath hair is another matter: photographs say nothing about it. Once hair no longer covers it, it takes
+the colour of the skin around it, in the light that reaches it now (`model.hidden_skin`).
 """
 
 import itertools
@@ -17,7 +20,9 @@ from torch import Tensor
 from neural_strands.geometry.mesh import Mesh, vertex_normals
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.voxel_grid import VoxelGrid
+from neural_strands.model.compositing import SkinChange
 from neural_strands.model.hair_volume import HairVolume
+from neural_strands.model.hidden_skin import known_share, spread
 
 LOST = 0.3
 """Share of the light that a fibre in its way takes out of it: most of it goes on, scattered forwards."""
@@ -25,6 +30,8 @@ AMBIENT = 0.1
 """Light that reaches every place, as a share of what reaches one in the open: fibres scatter it everywhere."""
 BRIGHTEST = 2.0
 """Largest factor of a colour: of what lay in deep shadow, or was hidden, a fit knows too little for more."""
+FAINTEST = 1e-3
+"""Least share of directions from which a place can be seen past the head; nothing is divided by less."""
 KNOTS = 12
 """Places along a strand at which light is computed."""
 ABOVE = 0.004
@@ -45,23 +52,30 @@ class LightField:
 
     @classmethod
     @torch.no_grad()
-    def through(cls, volume: HairVolume, width: float, surface: Float[Tensor, "place 3"]) -> "LightField":
+    def through(
+        cls, volume: HairVolume, width: float, surface: Float[Tensor, "place 3"], lost: float = LOST
+    ) -> "LightField":
         """Light that passes through hair and around the body.
 
         Args:
             volume: of the hair.
             width: of the strands, metres.
             surface: points on head and body (`surface_samples`).
+            lost: share of the light that a fibre takes out of it: 1 makes light of lines of sight, 0 leaves hair out.
         """
-        extinction = LOST * width * volume.density()
+        extinction = lost * width * volume.density()
         return cls(
             volume.grid, transmitted(extinction, solid_voxels(volume.grid, surface), volume.grid.spacing)[..., None]
         )
 
     def at(self, places: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
         """Light at places, `AMBIENT` included; outside the grid that of the nearest node."""
+        return AMBIENT + (1 - AMBIENT) * self.direct(places)
+
+    def direct(self, places: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
+        """Light at places, without `AMBIENT`."""
         sampled = self.grid.sample(self.values, places.reshape(-1, 3), outside="border")
-        return AMBIENT + (1 - AMBIENT) * sampled[:, 0].reshape(places.shape[:-1])
+        return sampled[:, 0].reshape(places.shape[:-1])
 
 
 def transmitted(
@@ -151,15 +165,15 @@ def solid_voxels(grid: VoxelGrid, surface: Float[Tensor, "place 3"]) -> Float[Te
 
 @dataclass(frozen=True)
 class LightChange:
-    """Factors of linear colours.
+    """What linear colours become.
 
     Attributes:
-        strands: at knots evenly spaced along the points of every strand.
-        skin: at the vertices of the body.
+        strands: factors at knots evenly spaced along the points of every strand.
+        skin: of the body.
     """
 
     strands: Float[Tensor, "strand knot 1"]
-    skin: Float[Tensor, " vertex"]
+    skin: SkinChange
 
 
 @dataclass(frozen=True)
@@ -172,6 +186,8 @@ class BakedLight:
         skin: light at the vertices of the body.
         skin_places: where that is.
         near: which of them lie among the hair.
+        known: how much photographs tell of the skin there, from 0 to 1.
+        bare: linear colours of the skin in full light, spread to where they are not known.
         surface: points on head and body.
         width: of the strands, metres.
     """
@@ -181,12 +197,16 @@ class BakedLight:
     skin: Float[Tensor, " vertex"]
     skin_places: Float[Tensor, "vertex 3"]
     near: Bool[Tensor, " vertex"]
+    known: Float[Tensor, " vertex"]
+    bare: Float[Tensor, "vertex 3"]
     surface: Float[Tensor, "place 3"]
     width: float
 
     @classmethod
     @torch.no_grad()
-    def of(cls, strands: Strands, volume: HairVolume, width: float, body: Mesh) -> "BakedLight":
+    def of(
+        cls, strands: Strands, volume: HairVolume, width: float, body: Mesh, skin: Float[Tensor, "vertex 3"]
+    ) -> "BakedLight":
         """Light that reaches strands as they were fitted, and the skin beneath.
 
         Args:
@@ -194,6 +214,7 @@ class BakedLight:
             volume: their density.
             width: of the strands, metres.
             body: head and body.
+            skin: linear colours that were fitted, at its vertices.
 
         Raises:
             ValueError: strands without `root_uv`.
@@ -203,8 +224,12 @@ class BakedLight:
         surface = surface_samples(body, volume.grid.spacing)
         field = LightField.through(volume, width, surface)
         places = body.vertices + ABOVE * vertex_normals(body) if len(body.faces) else body.vertices
+        near, light = volume.grid.index(places)[1], field.at(places)
+        sight, unhindered = (LightField.through(volume, width, surface, lost).direct(places) for lost in (1.0, 0.0))
+        known = torch.where(near, known_share(sight / unhindered.clamp(min=FAINTEST)), 1.0)
+        bare = spread(skin / light[:, None], known, body)
         along = field.at(_at_knots(strands.points))
-        return cls(strands.root_uv, along, field.at(places), places, volume.grid.index(places)[1], surface, width)
+        return cls(strands.root_uv, along, light, places, near, known, bare, surface, width)
 
     @torch.no_grad()
     def changed(self, strands: Strands, volume: HairVolume) -> LightChange:
@@ -223,9 +248,11 @@ class BakedLight:
         along = _at_knots(strands.parameters()[..., None])[..., 0]
         before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
         factor = field.at(_at_knots(strands.points)) / before
+        now = field.at(self.skin_places)
         # Far from the fitted hair nothing is known of its shadows.
-        skin = torch.where(self.near, field.at(self.skin_places) / self.skin, 1.0)
-        return LightChange(*(change.clamp(max=BRIGHTEST) for change in (factor[..., None], skin)))
+        skin = torch.where(self.near, now / self.skin, 1.0)
+        change = SkinChange(skin.clamp(max=BRIGHTEST), now[:, None] * self.bare, 1 - self.known)
+        return LightChange(factor[..., None].clamp(max=BRIGHTEST), change)
 
     def _fitted_on(self, uv: Float[Tensor, "strand 2"]) -> Int64[Tensor, " strand"]:
         """The fitted strand that grows nearest on the chart."""

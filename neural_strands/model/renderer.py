@@ -82,4 +82,5 @@ class HairRenderer:
     def _baked(self) -> BakedLight:
         """The light that reaches these strands."""
         width = float(strand_widths(self.model, self.strands).mean())
-        return BakedLight.of(self.strands, self.volume, width, self.model.body.mesh)
+        body = self.model.body
+        return BakedLight.of(self.strands, self.volume, width, body.mesh, body.vertex_colours())

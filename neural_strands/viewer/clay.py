@@ -29,9 +29,10 @@ def clay_glb(mesh: Mesh, colour: tuple[int, int, int]) -> bytes:
     """
     import trimesh
     from trimesh.exchange.gltf import export_glb
+    from trimesh.visual import ColorVisuals
 
     shaded = trimesh.Trimesh(mesh.vertices.cpu().numpy(), mesh.faces.cpu().numpy(), process=False)
-    shaded.visual = trimesh.visual.ColorVisuals(shaded, vertex_colors=_shades(mesh, colour))
+    shaded.visual = ColorVisuals(shaded, vertex_colors=_shades(mesh, colour))
     return export_glb(trimesh.Scene(shaded), include_normals=False, tree_postprocessor=_unlit)
 
 

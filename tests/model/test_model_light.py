@@ -54,7 +54,7 @@ def ball(count=400, radius=0.03, seed=0):
 
 
 def baked(strands, body=NO_BODY):
-    return BakedLight.of(strands, hair_volume(strands.points), WIDTH, body)
+    return BakedLight.of(strands, hair_volume(strands.points), WIDTH, body, torch.ones_like(body.vertices))
 
 
 def test_light_is_what_a_walk_through_the_grid_finds():
@@ -99,15 +99,15 @@ def test_hair_that_is_thinned_or_cut_and_the_skin_beneath_are_lit_more():
     thin = strands.select(torch.arange(100))
     found = light.changed(thin, hair_volume(thin.points, lattice))
     assert float(found.strands.min()) > 1.0
-    assert bool(((found.skin > 1.0) & (found.skin <= BRIGHTEST)).all())
+    assert bool(((found.skin.factor > 1.0) & (found.skin.factor <= BRIGHTEST)).all())
     # Half of every strand is left: t says which half appearance was learned on.
     half = replace(strands, points=strands.points[:, :13], t=strands.parameters()[:, :13])
     cut = light.changed(half, hair_volume(half.points, lattice))
     assert float(cut.strands.min()) > 1.0
 
 
-def test_skin_below_hair_that_is_cut_off_is_never_darker_than_before():
-    """The cut hair ends higher than the neck, whose light must not be read at the border of a smaller grid."""
+def curtain():
+    """A neck behind hair that hangs, and the same hair cut above it."""
     heights = torch.linspace(0, -0.2, 9)
     neck = torch.stack([torch.full((9,), 0.01), heights, torch.zeros(9)], dim=1)
     faces = torch.tensor([[k, k + 1, (k + 4) % 9] for k in range(8)])
@@ -115,12 +115,36 @@ def test_skin_below_hair_that_is_cut_off_is_never_darker_than_before():
     roots = 0.06 * torch.rand(300, 3, generator=random) * torch.tensor([1.0, 0.3, 1.0])
     fall = torch.linspace(0, -0.2, 25)[None, :, None] * torch.tensor([0.0, 1.0, 0.0])
     strands = Strands(roots[:, None] + fall, root_uv=torch.rand(300, 2, generator=random))
-    volume = hair_volume(strands.points)
-    light = BakedLight.of(strands, volume, WIDTH, Mesh(neck, faces))
     cut = replace(strands, points=strands.points[:, :5], t=strands.parameters()[:, :5])
-    found = light.changed(cut, hair_volume(cut.points, volume.grid))
-    assert float(found.skin.min()) > 0.999
-    assert float(found.skin.max()) > 1.1
+    return Mesh(neck, faces), strands, cut
+
+
+def test_skin_below_hair_that_is_cut_off_is_never_darker_than_before():
+    """The cut hair ends higher than the neck, whose light must not be read at the border of a smaller grid."""
+    neck, strands, cut = curtain()
+    found = baked(strands, neck).changed(cut, hair_volume(cut.points, hair_volume(strands.points).grid))
+    assert float(found.skin.factor.min()) > 0.999
+    assert float(found.skin.factor.max()) > 1.1
+
+
+def test_skin_that_hair_hid_takes_the_colour_of_the_skin_around_it():
+    neck, strands, cut = curtain()
+    # The neck goes on below the hair, in a colour of its own; what hair hides was learned as anything.
+    bare = Mesh(torch.cat([neck.vertices, neck.vertices[-1:] + torch.tensor([[0.0, -0.3, 0.0]])]), neck.faces)
+    bare = replace(bare, faces=torch.cat([bare.faces, torch.tensor([[7, 8, 9]])]))
+    volume = hair_volume(strands.points)
+    skin = torch.rand(10, 3, generator=torch.Generator().manual_seed(3))
+    light = BakedLight.of(strands, volume, 30 * WIDTH, bare, skin)
+    found = light.changed(cut, hair_volume(cut.points, volume.grid)).skin
+    hidden = found.share > 0.99
+    assert int(hidden.sum()) >= 4
+    assert float(found.share[9]) == 0.0
+    colours = torch.nn.functional.normalize(found.instead[hidden], dim=1)
+    known = torch.nn.functional.normalize(light.bare[light.known > 0.01], dim=1)
+    # Each lies among the known ones, apart from how much light there is.
+    assert float((colours @ known.T).amax(dim=1).min()) > 0.98
+    # More light reaches what the cut has laid open.
+    assert float(found.instead[8].sum()) > float((light.bare[8] * light.skin[8]).sum())
 
 
 def test_light_needs_to_know_which_strand_is_which():

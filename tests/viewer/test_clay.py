@@ -3,6 +3,7 @@ import io
 import numpy as np
 import torch
 import trimesh
+from trimesh.visual import TextureVisuals
 
 from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.mesh import Mesh
@@ -10,7 +11,10 @@ from neural_strands.viewer.clay import TOWARDS_LIGHT, clay_glb
 
 
 def read_back(content):
-    (mesh,) = trimesh.load(io.BytesIO(content), file_type="glb", process=False).geometry.values()
+    scene = trimesh.load(io.BytesIO(content), file_type="glb", process=False)
+    assert isinstance(scene, trimesh.Scene)
+    (mesh,) = scene.geometry.values()
+    assert isinstance(mesh, trimesh.Trimesh)
     return mesh
 
 
@@ -30,7 +34,9 @@ def test_a_mesh_keeps_its_shape_and_needs_no_light():
 
 def test_what_faces_the_light_has_almost_the_colour_and_what_faces_away_is_dark():
     given = ball()
-    colours = read_back(clay_glb(given, (200, 100, 50))).visual.vertex_attributes["color"][:, :3] / 255
+    mesh = read_back(clay_glb(given, (200, 100, 50)))
+    assert isinstance(mesh.visual, TextureVisuals)
+    colours = mesh.visual.vertex_attributes["color"][:, :3] / 255
     whole = to_linear(torch.tensor([200, 100, 50]) / 255).numpy()
     facing = given.vertices @ torch.tensor(TOWARDS_LIGHT)
     bright, dark = (colours[int(index)] / whole for index in (facing.argmax(), facing.argmin()))
