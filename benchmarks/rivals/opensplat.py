@@ -22,7 +22,7 @@ from typing import Annotated, Any
 
 import torch
 import tyro
-from scene import over_surround, seed_points, spread_views, write_scene
+from scene import over_surround, seed_points, write_scene
 from splats import read_splats, render_splats
 
 from neural_strands.capture.capture import Capture
@@ -47,7 +47,7 @@ REFINE_EVERY = 100
 """Iterations between two rounds of splitting and culling."""
 LEAST_ROUND = 50
 """Of those in a short run: gradients of fewer views are too noisy to split by."""
-PILOT = 300
+PILOT = 100
 """Iterations of the short run that tells how fast the machine is."""
 GROWTH = 2.0
 """How much longer an iteration of a long run takes, which draws more splats."""
@@ -66,13 +66,13 @@ class Arguments:
     iterations: int | None = None
     """How many."""
     minutes: float | None = None
-    """Instead: about as many as fit into this time, by a run of 300."""
+    """Instead: about as many as take a processor this long, by a run of 100."""
     segments: Path | None = None
     """Line segments of the training views (`neural-strands lmvs`), instead of computing them: the first points."""
     every: int = HOLD_OUT_EVERY
     """One view in so many is held out."""
-    views: int | None = None
-    """Show it only so many of the training views, spread evenly. Default: all."""
+    training: tuple[int, ...] | None = None
+    """Show it only these of the training views, counted from 0 among all. Default: all that are not held out."""
     hair_points: int = 30_000
     """First points of the hair, at most."""
     head_points: int = 10_000
@@ -117,9 +117,9 @@ def train(program: Path, scene: Path, splats: Path, log: Path, options: list[str
 
 
 def affordable(program: Path, out: Path, minutes: float, views: int) -> int:
-    """About how many iterations fit into this time, by a short run."""
+    """About how many iterations take a processor this long, by a short run."""
     pilot = train(program, out / "scene", out / "pilot.ply", out / "pilot.log", settings(PILOT, views))
-    return max(round(minutes / (GROWTH * pilot.minutes) * PILOT), PILOT)
+    return max(round(minutes / (GROWTH * pilot.processor_minutes) * PILOT), PILOT)
 
 
 def first_segments(arguments: Arguments, capture: Capture, head: Head, chosen: list[int]) -> LineSegments:
@@ -172,6 +172,15 @@ def reconstruct(arguments: Arguments, capture: Capture, head: Head, chosen: list
     return {"iterations": iterations, "options": options, **asdict(spent)}
 
 
+def shown_views(capture: Capture, arguments: Arguments) -> list[int]:
+    """Indices of the views that OpenSplat may see."""
+    training = training_views(len(capture), arguments.every)
+    chosen = training if arguments.training is None else sorted(set(arguments.training))
+    if unknown := set(chosen) - set(training):
+        raise SystemExit(f"--training: expected views that are not held out, found {min(unknown)}; leave it out.")
+    return chosen
+
+
 def main(arguments: Arguments) -> None:
     """Train, draw, score."""
     if (arguments.iterations is None) == (arguments.minutes is None):
@@ -180,8 +189,7 @@ def main(arguments: Arguments) -> None:
         raise SystemExit(f"{arguments.program}: expected OpenSplat's program, found none; build it and name it.")
     capture, out = Capture.load(arguments.capture), arguments.out
     head = find_head(capture, None)
-    training = training_views(len(capture), arguments.every)
-    chosen = spread_views(capture, training, arguments.views or len(training))
+    chosen = shown_views(capture, arguments)
     asked = {
         "capture": capture.folder.resolve().name,
         "views": [capture.cameras[index].name for index in chosen],

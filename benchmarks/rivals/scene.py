@@ -15,7 +15,6 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from neural_strands.capture.capture import Capture
 from neural_strands.capture.writer import CaptureWriter
 from neural_strands.foundation.files import atomic_file, write_json
 from neural_strands.foundation.srgb import to_linear, to_srgb
@@ -174,19 +173,3 @@ def write_scene(folder: Path, views: Sequence[View], head: Mesh, plain: Float[Te
     writer.finish(cameras)
     path = folder / "transforms.json"
     write_json(path, {**json.loads(path.read_text()), "ply_file_path": "points.ply"})
-
-
-def spread_views(capture: Capture, among: Sequence[int], count: int) -> list[int]:
-    """So many of the views, far from each other: each next is the farthest from those chosen before.
-
-    Args:
-        capture: all views.
-        among: indices of those to choose from; the first is chosen first.
-        count: how many; all of them where there are no more.
-    """
-    places = torch.stack([capture.cameras[index].position for index in among])
-    chosen, distance = [0], torch.full((len(among),), torch.inf)
-    while len(chosen) < min(count, len(among)):
-        distance = torch.minimum(distance, (places - places[chosen[-1]]).norm(dim=1))
-        chosen.append(int(distance.argmax()))
-    return sorted(among[place] for place in chosen)

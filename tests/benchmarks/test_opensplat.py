@@ -80,11 +80,14 @@ def test_splats_are_trained_drawn_and_scored_once(opensplat, asked, capsys):
         opensplat.main(opensplat.Arguments(**asked, iterations=41))
 
 
-def test_minutes_become_iterations_and_fewer_views_are_shown(opensplat, asked, monkeypatch):
+def test_minutes_become_iterations_and_some_views_are_shown(opensplat, asked, monkeypatch):
     monkeypatch.setattr(opensplat, "settings", lambda iterations, views: ["--num-iters", str(iterations + views)])
-    opensplat.main(opensplat.Arguments(**asked, minutes=1e-6, views=4))
+    opensplat.main(opensplat.Arguments(**asked, minutes=1e-6, training=(0, 2, 5, 7)))
     assert calls(asked) == [str(opensplat.PILOT + 4)] * 2
-    assert len(list((asked["out"] / "scene" / "images").iterdir())) == 4
+    shown = sorted(path.stem for path in (asked["out"] / "scene" / "images").iterdir())
+    assert shown == ["000", "002", "005", "007"]
+    with pytest.raises(SystemExit, match="found 4; leave it out"):
+        opensplat.main(opensplat.Arguments(**asked, minutes=1e-6, training=(3, 4)))
 
 
 def test_what_fails_leaves_nothing_that_counts_as_finished(opensplat, asked):

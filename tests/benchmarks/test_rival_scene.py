@@ -63,15 +63,6 @@ def test_a_part_of_the_view_has_its_principal_point_in_the_middle(scene):
     assert (part.left, part.top, part.width, part.height) == (10, 0, 50, 40)
 
 
-def test_the_views_that_are_shown_are_far_apart(scene, tmp_path):
-    """Eight cameras on a circle: of two, the second is opposite; of four, every other one."""
-    write_capture(tmp_path / "ball", views=8)
-    capture = Capture.load(tmp_path / "ball")
-    assert scene.spread_views(capture, range(8), 2) == [0, 4]
-    assert scene.spread_views(capture, range(8), 4) == [0, 2, 4, 6]
-    assert scene.spread_views(capture, range(1, 8), 99) == list(range(1, 8))
-
-
 def test_the_scene_on_disk(scene, tmp_path, generator):
     strands = write_capture(tmp_path / "ball")
     capture = Capture.load(tmp_path / "ball")
