@@ -74,6 +74,11 @@ class HairRenderer:
         return HairRenderer(self.model, strands, volume, fitted, light)
 
     @torch.no_grad()
+    def prepare_edits(self) -> None:
+        """Work out what the first of all edits would have to wait for: the light of the hair as it was fitted."""
+        _ = (self.fitted or self)._baked
+
+    @torch.no_grad()
     def render(self, camera: Camera) -> RenderOutput:
         """One view, of any size."""
         return self.model.render(self.strands, camera, volume=self.volume, light=self.light)

@@ -1,6 +1,7 @@
 """From a path to a page, which follows a run while it is being fitted."""
 
 import logging
+import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,9 +49,13 @@ class ServedPage:
         self._state = newest_state(RunFolder(path)) if self._kind == "run" else None
         self.page = Page(server, self._open(self._state), finer)
         self._tabs = Tabs(self.page)
+        # People look before they cut: meanwhile the first edit becomes as quick as the others.
+        self._preparing = threading.Thread(target=self._prepare, name="viewer-light", daemon=True)
+        self._preparing.start()
 
     def close(self) -> None:
         """End the page's threads; the server goes on."""
+        self._preparing.join()
         self.page.close()
 
     def follow(self) -> None:
@@ -79,6 +84,10 @@ class ServedPage:
         else:
             self._tabs = Tabs(self.page)
         return True
+
+    def _prepare(self) -> None:
+        if self.page.scene.unedited is not None:
+            self.page.scene.unedited.prepare_edits()
 
     def _complain(self, error: InputError) -> None:
         log.warning("%s", error)

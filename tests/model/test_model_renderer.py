@@ -66,3 +66,11 @@ def test_some_roots_decode_to_the_same_strands_as_all():
     torch.testing.assert_close(some.points, every.points[index], rtol=0, atol=1e-6)
     assert some.root_uv is not None
     assert torch.equal(some.root_uv, hair.root_uv[index])
+
+
+def test_what_is_prepared_for_edits_changes_none():
+    hair = model()
+    first, later = HairRenderer.of(hair), HairRenderer.of(hair)
+    first.prepare_edits()
+    pictures = [renderer.showing(stubble(hair)).render(view()).rgb for renderer in (first, later)]
+    assert torch.equal(*pictures)

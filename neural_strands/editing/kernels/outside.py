@@ -10,6 +10,9 @@ import warp as wp
 
 from neural_strands.geometry.kernels.voxel_grid import blend, cell_about, nearest_place, slope
 
+STEEPEST = wp.constant(1.75)
+"""Largest change of a blend of distances per metre: that along each axis is one, and the square root of 3 together."""
+
 
 @wp.kernel(enable_backward=False)
 @no_type_check
@@ -27,17 +30,24 @@ def follow_outside(
     """Add steps to the first point of each strand; a step that would end inside is turned, not shortened."""
     strand = start + wp.tid()
     here = points[strand, 0]
+    # No point is nearer to the body: where that is enough, the grid, which is slow to read, is not asked.
+    apart = float(-wp.inf)
     for k in range(steps.shape[1]):
         step = steps[strand, k]
         length = wp.length(step)
         target = here + step
-        for _ in range(rounds):
-            cell = cell_about(nearest_place((target - origin) / spacing, shape), shape)
-            missing = clearance[strand, k + 1] - blend(values, cell)
-            if missing <= 0.0:
-                break
-            outward = wp.normalize(slope(values, cell))
-            turned = target + missing * outward - here
-            target = here + length * wp.normalize(turned)
+        apart -= STEEPEST * length
+        if apart < clearance[strand, k + 1]:
+            apart = float(-wp.inf)
+            for _ in range(rounds):
+                cell = cell_about(nearest_place((target - origin) / spacing, shape), shape)
+                distance = blend(values, cell)
+                missing = clearance[strand, k + 1] - distance
+                if missing <= 0.0:
+                    apart = distance
+                    break
+                outward = wp.normalize(slope(values, cell))
+                turned = target + missing * outward - here
+                target = here + length * wp.normalize(turned)
         here = target
         points[strand, k + 1] = here
