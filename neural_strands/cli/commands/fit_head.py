@@ -9,11 +9,12 @@ from typing import Annotated
 import tyro
 
 from neural_strands.cli.commands.fit import say
+from neural_strands.cli.head_options import HeadOptions
 from neural_strands.foundation.errors import InputError
 
 
 @dataclass(frozen=True)
-class FitHead:
+class FitHead(HeadOptions):
     """Fit a head with a scalp to the face in the photographs of a capture that comes without one.
 
     The head lies where the cameras see it, so their scale must be right: metres, unless --scale says otherwise.
@@ -24,20 +25,8 @@ class FitHead:
     """Folder of the capture."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder for head.obj and scalp_faces.json; the capture's own folder is as good as any."""
-    template: Path | None = None
-    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl; the mannequin if left out."""
-    scalp: Path | None = None
-    """The template's scalp: a chart, a list of faces or a painted mask; found from the shape by default."""
-    landmarks: Path | None = None
-    """Landmarks set by hand, instead of finding the face: JSON, {photograph: {landmark: [x, y]}}, pixels."""
-    detector: Path | None = None
-    """Python that has the package mediapipe, if this one has not."""
-    face_model: Path | None = None
-    """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which brings its models."""
     scale: float = 1.0
     """Metres in one unit of the cameras."""
-    bend: bool = True
-    """Bend the template to the person's face and outline; otherwise it keeps its shape."""
     json: bool = False
     """Print the figures as one JSON object."""
 

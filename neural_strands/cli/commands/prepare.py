@@ -9,11 +9,12 @@ from typing import Annotated
 import tyro
 
 from neural_strands.cli.commands.fit import say
+from neural_strands.cli.head_options import HeadOptions
 from neural_strands.foundation.errors import InputError
 
 
 @dataclass(frozen=True)
-class Prepare:
+class Prepare(HeadOptions):
     """Make a capture of photographs of one person: cameras, scale, head and hair masks.
 
     Take 24 or more, from all around and above, each a small step from the last, in even light, hair and head still.
@@ -25,22 +26,12 @@ class Prepare:
     """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several; or a video."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture."""
-    template: Path | None = None
-    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl; the mannequin if left out."""
-    scalp: Path | None = None
-    """The template's scalp: a chart, a list of faces or a painted mask; found from the shape by default."""
     cameras: Path | None = None
     """Known cameras, instead of finding them: a folder with a COLMAP model, or transforms.json."""
-    landmarks: Path | None = None
-    """Landmarks set by hand, instead of finding the face: JSON, {photograph: {landmark: [x, y]}}, pixels."""
     masks: Path | None = None
     """Masks of the hair, instead of finding it: a folder of PNG files named as the photographs, white where hair is."""
     segmenter: str | None = None
     """Program that makes masks of the hair, with {image} and {mask} for the paths of a picture and of its mask."""
-    detector: Path | None = None
-    """Python that has the package mediapipe, if this one has not."""
-    face_model: Path | None = None
-    """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which brings its models."""
     person_model: Path | None = None
     """A selfie segmenter of MediaPipe's (.tflite); not needed with mediapipe 0.10.21."""
     scale: float | None = None
@@ -51,8 +42,6 @@ class Prepare:
     """Larger photographs are made this many pixels long."""
     frames: int = 80
     """Frames to take of a video: of so many stretches the sharpest each."""
-    bend: bool = True
-    """Bend the template to the person's face and outline; otherwise it keeps its shape."""
     json: bool = False
     """Print the figures as one JSON object."""
 
