@@ -1,6 +1,7 @@
 """The panel of a page: one tab for each thing to do, as far as the scene has something for it."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 from neural_strands.runs.run_folder import RunFolder
 from neural_strands.viewer.page import Page
@@ -27,7 +28,7 @@ class Tabs:
         gui.reset()
         gui.set_panel_label("Neural Strands")
         gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.add_markdown(f"**{scene.path.name}** ({scene.kind})" + (f"\n\n{scene.note}" if scene.note else ""))
+        gui.add_markdown(f"**{title(scene.path)}** ({scene.kind})" + (f"\n\n{scene.note}" if scene.note else ""))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Look"):
             self._redraw = add_look_panel(page)
@@ -57,3 +58,8 @@ class Tabs:
         """
         if self._fit is not None:
             self._fit.update()
+
+
+def title(path: Path) -> str:
+    """The last two parts of a path: folders of many subjects are all called `run`."""
+    return "/".join(path.absolute().parts[-2:]).lstrip("/")
