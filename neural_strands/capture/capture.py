@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -48,6 +49,8 @@ class Capture:
         folder: the folder of the capture.
         files: of each view, in the order of the calibration.
         cache: decoded images, shared by every subset of this capture.
+        mask_growth: by how much hair masks are grown as they are read, as a share of a view's longer side; negative
+            to shrink them.
 
     Examples:
         >>> import neural_strands as ns
@@ -59,6 +62,7 @@ class Capture:
     folder: Path
     files: tuple[ViewFiles, ...]
     cache: ImageCache = field(repr=False, compare=False)
+    mask_growth: float = 0.0
 
     @classmethod
     def load(cls, folder: Path | str, cache_bytes: int = CACHE_BYTES) -> "Capture":
@@ -114,7 +118,10 @@ class Capture:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
         view = self.files[index]
-        return None if view.hair_mask_path is None else unit_tensor(self._stored(view, "hair"), device)
+        if view.hair_mask_path is None:
+            return None
+        stored = self._stored(view, "hair")
+        return unit_tensor(grown(stored, round(self.mask_growth * max(stored.shape))), device)
 
     def person_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
         """Coverage of the person in [0, 1], undistorted, on `device`: the mask file, or the image's alpha, or None.
@@ -170,3 +177,12 @@ class Capture:
             }
 
         return self.cache.get((path, part, view.lens), decode)
+
+
+def grown(mask: np.ndarray, pixels: int) -> np.ndarray:
+    """A mask grown by a disc of so many pixels, or shrunk if that is negative."""
+    if pixels == 0:
+        return mask
+    side = 2 * abs(pixels) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    return np.asarray(cv2.dilate(mask, disc) if pixels > 0 else cv2.erode(mask, disc))

@@ -7,6 +7,7 @@ from neural_strands.capture.check_head import check_agreement, check_head
 from neural_strands.capture.check_images import check_exposure, check_files, check_masks, check_sharpness, gather
 from neural_strands.capture.check_views import check_aim, check_doubles, check_scale, check_viewpoints
 from neural_strands.capture.findings import Finding
+from neural_strands.capture.mask_border import check_border
 from neural_strands.foundation.errors import InputError
 
 
@@ -29,10 +30,12 @@ def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
     # A head of another unit agrees with nothing, which its scale says already.
     if head is not None and scalp is not None and scale.level != "error":
         agreement = check_agreement(capture, facts, head, scalp)
+    border = None if any(fact.problem for fact in facts) else check_border(capture)
     return [
         _calibration(capture),
         *check_files(facts),
         check_masks(facts, "hair"),
+        *([] if border is None else [border]),
         check_masks(facts, "person"),
         head_finding,
         scale,

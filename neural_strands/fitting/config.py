@@ -102,6 +102,8 @@ class FitConfig:
     never."""
     hold_out_every: Annotated[int, Between(0, 1_000_000)] = HOLD_OUT_EVERY
     """One view in this many is held out for evaluation and seen by nothing else; 0 holds out none."""
+    correct_masks: bool = True
+    """Grow or shrink the hair masks where the photographs show that they end elsewhere than the hair does."""
     initialise: Literal["flow", "mean"] = "flow"
     """First strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
     clearance: Annotated[float, Between(0, 1)] = 0.001

@@ -62,6 +62,7 @@ class Lmvs:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
         from neural_strands.capture.head import read_head
+        from neural_strands.capture.mask_border import correction_sentence, with_corrected_masks
         from neural_strands.lmvs.files import SegmentsSource, save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
@@ -78,6 +79,9 @@ class Lmvs:
         # Read before the long stereo run, lifted to 3D after it.
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         device = pick_device(self.device)
+        capture, growth = with_corrected_masks(capture, capture)
+        if growth:
+            sys.stderr.write(f"{correction_sentence(growth)}\n")
         views = capture.views_on(device)
         if self.size is not None:
             views = views.reduced(self.size)

@@ -16,8 +16,8 @@ import torch
 
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
+from neural_strands.pictures.looks import LookHistogram, look_cells
 from neural_strands.preparation.masks.finish import finish_mask
-from neural_strands.preparation.masks.looks import LookHistogram, look_cells
 from neural_strands.preparation.masks.random_walk import random_walk
 from neural_strands.preparation.masks.zones import ZonedHead, Zones, votes
 from neural_strands.preparation.photographs.folder import read_picture

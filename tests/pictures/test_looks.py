@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from neural_strands.preparation.masks.looks import COHERENCES, LookHistogram, look_cells
+from neural_strands.pictures.looks import COHERENCES, LookHistogram, look_cells
 
 SIDE = 96
 

@@ -1,0 +1,129 @@
+"""Where masks end against where hair ends, on drawn pictures whose hair is known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from neural_strands.capture.capture import Capture, grown
+from neural_strands.capture.mask_border import border_of, check_border, mask_border, mask_growth, with_corrected_masks
+from neural_strands.capture.writer import CaptureWriter
+from neural_strands.geometry.cameras import Camera
+
+SIDE = 160
+
+
+def picture(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Brown streaks in a disc on a noisy grey wall, and where the disc is."""
+    random = np.random.default_rng(seed)
+    y, x = np.mgrid[:SIDE, :SIDE]
+    middle = SIDE / 2 + random.uniform(-8, 8, 2)
+    hair = np.hypot(x - middle[0], y - middle[1]) < 48
+    streaks = 60 + 25 * np.sin(0.9 * x + 0.3 * y) + 8 * random.standard_normal((SIDE, SIDE))
+    wall = 150 + 4 * random.standard_normal((SIDE, SIDE))
+    colour = np.where(hair[..., None], streaks[..., None] * [1.0, 0.7, 0.5], wall[..., None])
+    return colour.clip(0, 255).astype(np.uint8), hair
+
+
+def resized(mask: np.ndarray, pixels: int) -> np.ndarray:
+    return grown(mask.astype(np.uint8), pixels) > 0
+
+
+@pytest.mark.parametrize("off", [-6, -4, -2, 0, 2, 4])
+def test_the_border_is_found_to_a_pixel(off: int):
+    views = [(image, resized(hair, off)) for image, hair in map(picture, range(5))]
+    border = border_of(views)
+    assert border is not None
+    assert abs(border + off) < 1.0
+
+
+def test_hair_that_looks_like_the_wall_tells_nothing():
+    random = np.random.default_rng(0)
+    wall = (100 + 10 * random.standard_normal((SIDE, SIDE, 3))).clip(0, 255).astype(np.uint8)
+    assert border_of([(wall, picture(0)[1])]) is None
+
+
+def test_empty_full_and_tiny_masks_tell_nothing():
+    image, _ = picture(0)
+    dot = np.zeros((SIDE, SIDE), dtype=bool)
+    dot[80:84, 80:84] = True
+    for mask in (np.zeros_like(dot), np.ones_like(dot), dot):
+        assert border_of([(image, mask)]) is None
+    assert border_of([]) is None
+
+
+@pytest.mark.parametrize(
+    ("border", "growth"),
+    [(None, 0), (0.0, 0), (1.4, 0), (1.6, 2), (4.2, 4), (-1.5, 0), (-2.4, 0), (-3.2, -2), (-5.0, -4)],
+)
+def test_a_border_of_a_pixel_or_two_is_left(border: float | None, growth: int):
+    assert mask_growth(border) == growth
+
+
+def test_grown_masks_reach_by_a_disc():
+    dot = np.zeros((21, 21), np.uint8)
+    dot[10, 10] = 255
+    y, x = np.mgrid[-10:11, -10:11]
+    large = grown(dot, 4) > 0
+    assert (large[np.hypot(x, y) <= 3.5]).all()
+    assert not large[np.hypot(x, y) > 4.5].any()
+    np.testing.assert_array_equal(grown(grown(dot, 4), -4), dot)
+    assert grown(dot, 0) is dot
+
+
+def write(folder: Path, off: int) -> Capture:
+    writer, cameras = CaptureWriter(folder), []
+    for index in range(4):
+        angle = torch.tensor(0.4 * index)
+        eye = torch.stack([angle.sin(), torch.tensor(0.1), angle.cos()])
+        camera = Camera.look_at(eye, torch.zeros(3), 300.0, (SIDE, SIDE), f"{index}.png")
+        image, hair = picture(index)
+        mask = resized(hair, off).astype(np.uint8) * 255
+        writer.write_view(camera, image, mask)
+        cameras.append(camera)
+    writer.finish(cameras)
+    return Capture.load(folder)
+
+
+def test_a_capture_is_corrected_and_its_file_is_not(tmp_path: Path):
+    capture = write(tmp_path / "tight", -5)
+    corrected, growth = with_corrected_masks(capture, capture.subset([0, 1, 2]))
+    assert growth in (4, 5, 6)
+    # Photographs that were not looked at are corrected by as much.
+    mask, true = corrected.hair_mask(3), picture(3)[1]
+    assert mask is not None
+    wrong = (mask.numpy() > 0.5) ^ true
+    assert wrong.sum() < 0.2 * (true ^ resized(true, -5)).sum()
+    original = capture.hair_mask(3)
+    assert original is not None
+    assert original.sum() < mask.sum()
+    assert corrected.subset([3]).mask_growth == corrected.mask_growth
+    found = check_border(capture)
+    assert found is not None
+    assert found.level == "warning"
+
+
+def test_right_masks_and_captures_without_masks_stay(tmp_path: Path):
+    capture = write(tmp_path / "right", 0)
+    assert with_corrected_masks(capture, capture) == (capture, 0)
+    assert check_border(capture) is None
+    bare = replace(capture, files=tuple(replace(view, hair_mask_path=None) for view in capture.files))
+    assert mask_border(bare) is None
+
+
+def test_large_pictures_are_looked_at_smaller(tmp_path: Path):
+    image, hair = picture(0)
+    large = cv2.resize(image, (10 * SIDE, 10 * SIDE), interpolation=cv2.INTER_LINEAR)
+    mask = cv2.resize(resized(hair, -4).astype(np.uint8) * 255, (10 * SIDE, 10 * SIDE))
+    camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 3000.0, (10 * SIDE, 10 * SIDE), "0.png")
+    writer = CaptureWriter(tmp_path)
+    writer.write_view(camera, large, mask)
+    writer.finish([camera])
+    capture = Capture.load(tmp_path)
+    corrected, growth = with_corrected_masks(capture, capture)
+    # 40 pixels are 25.6 of a picture of 1024: farther than masks are corrected, or by what is found of it.
+    assert growth >= 0
+    assert corrected.mask_growth * 10 * SIDE <= 40
