@@ -40,7 +40,7 @@ def spread(values: Sequence[float | None], digits: int) -> str:
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):
         return "-"
-    mean = f"{fmean(known):.{digits}f}"
+    mean = f"{fmean(known):,.{digits}f}"
     return mean if len(known) == 1 else f"{mean} ± {0.5 * (max(known) - min(known)):.{digits}f}"
 
 
@@ -67,7 +67,7 @@ def geometry(cells: Mapping[str, Sequence[dict[str, Any]]], rulers: Mapping[str,
                 rows.append((label, count, *_shares([fit[part] for fit in fits]), _consistency(fits), inside))
         if half := rulers[name].get("half_against_half"):
             levels = (f"- - {half[level]:.1f}" for level in LEVELS)
-            rows.append((f"{name}: half of the truth against the other", str(rulers[name]["strands"] // 2), *levels))
+            rows.append((f"{name}: half of the truth against the other", f"{rulers[name]['strands'] // 2:,}", *levels))
     return markdown(heads, [*rows, *((name, "-", *levels) for name, *levels in PAPER_GEOMETRY)])
 
 
@@ -100,7 +100,8 @@ def times(fits: Mapping[str, Sequence[dict[str, Any]]]) -> str:
             continue
         decode, render = ([fit["milliseconds"][part] for fit in seeds] for part in ("decode", "render"))
         total = [sum(pair) for pair in zip(decode, render, strict=True)]
-        rows.append((name, *(spread(values, 0) for values in (decode, render, total)), str(seeds[0]["strands"])))
+        strands = [fit["strands"] for fit in seeds]
+        rows.append((name, *(spread(values, 0) for values in (decode, render, total, strands))))
     return markdown(("what", "decode", "render", "total", "strands"), [*rows, *PAPER_TIMES])
 
 
@@ -119,7 +120,7 @@ def ablations(seeds: Sequence[dict[str, Any]]) -> str:
         found = [seed[name] for seed in seeds]
         levels = [spread([each["strands"][level]["f_score"] for each in found], 1) for level in LEVELS]
         consistency = spread([each["strands"]["2mm/20deg"]["strand_consistency"] for each in found], 1)
-        count = str(found[0]["described"]["strands"])
+        count = f"{found[0]['described']['strands']:,}"
         rows.append((name, count, *levels, consistency, *_measures([each["held_out_views"] for each in found])[:3]))
     return markdown(heads, rows)
 
@@ -152,13 +153,13 @@ def _ours(fits: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """Our figures over the seeds, without the name."""
     alpha = [fit["views"].get("alpha") or {} for fit in fits]
     outline = (spread([each.get(name) for each in alpha], 3) for name in ("mean_absolute_error", "outline_iou"))
-    count, minutes = f"{fits[0]['strands']:,} strands", spread([fit["minutes"] for fit in fits], 0)
+    count, minutes = f"{fits[0]['strands']:,} strands", spread([fit["minutes"] for fit in fits], 1)
     return (*_measures([fit["views"] for fit in fits]), *outline, count, minutes)
 
 
 def _rival(cell: dict[str, Any]) -> tuple[str, ...]:
     made = f"{cell['splats']:,} splats, {cell['iterations']:,} iterations"
-    return (*_measures([cell["views"]]), "-", "-", made, f"{cell['processor_minutes']:.0f}")
+    return (*_measures([cell["views"]]), "-", "-", made, f"{cell['processor_minutes']:.1f}")
 
 
 def _measures(found: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
