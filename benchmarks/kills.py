@@ -1,6 +1,6 @@
 """Work that is killed at random moments and started again: `python benchmarks/kills.py OUT --kills 100`.
 
-A small fit, preparation or batch (extra `batch`) is first done whole. Then it is done again and again, in processes
+A small fit or a small preparation is first done whole. Then it is done again and again, in processes
 that SIGKILL ends at random moments, up to five times before one may finish. Each result must be, byte for
 byte, that of the whole one, and nothing unfinished may lie beside it. Prints one JSON document.
 """
@@ -20,7 +20,6 @@ from random import Random
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-from batch_files import write_ball, write_subjects
 from photographed_head import write_scene
 from tiny_capture import tiny_config, true_segments, write_capture
 
@@ -74,19 +73,7 @@ def prepare_job(folder: Path) -> Job:
     return Job(work, ("**/*.json", "**/*.png", "**/*.obj", "**/*.npz"))
 
 
-def batch_job(folder: Path) -> Job:
-    """A batch of two subjects on this machine; its processes outlive a killed one for a moment."""
-    ball = write_ball(folder)
-    subjects = write_subjects(folder / "subjects.toml", {"bob": ball, "twin": ball}, steps=30)
-
-    def work(out: Path) -> None:
-        if command(["batch", str(subjects), str(out), "--resume"]) != 0:
-            raise RuntimeError("the batch did not end well")
-
-    return Job(work, ("*/run/segments.npz", "*/run/model/model.safetensors", "*/run/groom.npz", "*/run/groom.usd"))
-
-
-JOBS = {"fit": fit_job, "prepare": prepare_job, "batch": batch_job}
+JOBS = {"fit": fit_job, "prepare": prepare_job}
 
 
 def survive(work: Callable[[], None], moments: Sequence[float]) -> int:

@@ -56,10 +56,10 @@ def main(arguments: Arguments) -> None:
     around = turntable_cameras(middle + ROOM * (points - middle), 360, (side, side))
     turns = SWING * (2 * math.pi * torch.arange(wind.frames) / wind.frames).sin()
     cameras = [around[round(turn) % 360] for turn in turns.tolist()]
-    frames = []
+    renderer, frames = HairRenderer.of(hair.modelled("wind"), hair.strands), []
     for number, camera in enumerate(track(cameras, "rendering")):
         moved = replace(hair.strands, points=motion.at(number / wind.fps))
-        rgb = HairRenderer.of(hair.modelled("wind"), moved).render(camera).rgb
+        rgb = renderer.showing(moved).render(camera).rgb
         frames.append(Image.fromarray((255 * rgb.clamp(0, 1)).round().to(torch.uint8).numpy().astype(np.uint8)))
     with atomic_file(arguments.out) as path, path.open("wb") as file:
         frames[0].save(
