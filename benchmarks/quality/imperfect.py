@@ -24,7 +24,7 @@ import tyro
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.capture.capture import Capture
+from neural_strands.capture.capture import Capture, grown
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
 from neural_strands.capture.mask_border import MOST_VIEWS, border_of, mask_growth
@@ -122,13 +122,10 @@ def bent(metres: float, seed: int = 0) -> Spoil:
 
 def resized_masks(pixels: int) -> Spoil:
     """Hair masks dilated by so many pixels, or eroded if that is negative."""
-    side = 2 * abs(pixels) + 1
-    shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    morph = cv2.dilate if pixels > 0 else cv2.erode
 
     def change(view: View) -> View:
         assert view.hair_mask is not None
-        return replace(view, hair_mask=torch.from_numpy(morph(view.hair_mask.numpy(), shape)))
+        return replace(view, hair_mask=torch.from_numpy(grown(view.hair_mask.numpy(), pixels)))
 
     return lambda given: replace(given, views=tuple(change(view) for view in given.views))
 

@@ -27,9 +27,8 @@ from neural_strands.capture.hold_out import HOLD_OUT_EVERY, training_views
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, fit_to_head, score_geometry
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.fitting.config import preset
-from neural_strands.fitting.first_strands import hair_flow, hair_roots
+from neural_strands.fitting.first_strands import trace_first_strands
 from neural_strands.fitting.stereo import find_segments
-from neural_strands.flow.tracing import trace_hair
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
@@ -141,9 +140,7 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
     else:
         kept = capture.subset(training_views(len(capture), HOLD_OUT_EVERY))
         views, random = kept.views_on(), torch.Generator().manual_seed(seed)
-        roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
-        flow = hair_flow(segments, views, head.mesh, roots, config.initial)
-        points = trace_hair(flow, roots.position, roots.normal, config.initial.trace).points
+        points = trace_first_strands(head, segments, views, arguments.strands, config.initial, random).points
     true, ours = sample_strands(truth.points), sample_strands(points)
     scores = score_geometry(ours, true, STRICT)
     stereo = score_geometry(sample_segments(segments), true, STRICT, with_consistency=False)

@@ -23,9 +23,9 @@ from neural_strands.capture.head import find_head
 from neural_strands.evaluation.geometry_metrics import Agreement, Threshold, matched_shares
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
 from neural_strands.fitting.config import preset
-from neural_strands.fitting.first_strands import hair_flow, hair_roots
+from neural_strands.fitting.first_strands import trace_first_strands
 from neural_strands.fitting.stereo import find_segments
-from neural_strands.flow.tracing import TracedStrands, trace_hair
+from neural_strands.flow.tracing import TracedStrands
 from neural_strands.flow.unseen import unseen_points
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
@@ -131,9 +131,8 @@ def main(arguments: Arguments) -> None:
         work = arguments.capture.parent / f"{arguments.capture.name}_front"
         segments = find_segments(kept, head, config, work, track)
     views = kept.views_on()
-    roots = hair_roots(head, arguments.strands, views, config.initial.hull, torch.Generator().manual_seed(0))
-    flow = hair_flow(segments, views, head.mesh, roots, config.initial)
-    found = trace_hair(flow, roots.position, roots.normal, config.initial.trace)
+    random = torch.Generator().manual_seed(0)
+    found = trace_first_strands(head, segments, views, arguments.strands, config.initial, random)
     index = MeshIndex(head.mesh)
     before = [HeadView.of(camera, index) for camera in views.cameras]
     result = figures(found, truth.points, before, head.mesh)

@@ -107,7 +107,7 @@ def find_subject_segments(work: StageWork) -> dict[str, float]:
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_views(seen)
     if config.correct_masks:
-        seen, _ = with_corrected_masks(seen, seen)
+        seen = with_corrected_masks(seen, seen, work.feedback.say)
     stereo = work.folder / STEREO
     segments = find_segments(seen, find_head(capture), config, stereo, work.feedback.track, work.device)
     save_segments(work.folder / SEGMENTS, segments, segments_source(seen, config))

@@ -118,10 +118,7 @@ class Capture:
             InputError: the file is missing, does not decode, or has another size than its camera.
         """
         view = self.files[index]
-        if view.hair_mask_path is None:
-            return None
-        stored = self._stored(view, "hair")
-        return unit_tensor(grown(stored, round(self.mask_growth * max(stored.shape))), device)
+        return None if view.hair_mask_path is None else unit_tensor(self._stored(view, "hair"), device)
 
     def person_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
         """Coverage of the person in [0, 1], undistorted, on `device`: the mask file, or the image's alpha, or None.
@@ -155,10 +152,12 @@ class Capture:
     def _stored(self, view: ViewFiles, part: StoredPart) -> np.ndarray:
         """A part of a view as stored samples, undistorted, from the cache or decoded; without pixels if it is absent.
 
-        A photograph and its alpha channel are decoded together: whoever asks for one often asks for the other.
+        A photograph and its alpha channel are decoded together: whoever asks for one often asks for the other. Hair
+        masks are kept as they are grown, for a fit reads one at every step.
         """
         paths = {"hair": view.hair_mask_path, "person": view.person_mask_path}
         path = paths.get(part) or view.image_path
+        growth = self.mask_growth if part == "hair" else 0.0
 
         def decode() -> dict[tuple, np.ndarray]:
             self.cache.check_unchanged(path)
@@ -171,12 +170,13 @@ class Capture:
                     "image": colour_of(pixels),
                     "alpha": np.zeros((0, 0), pixels.dtype) if alpha is None else alpha,
                 }
+            straight = {name: undistorted(stored, view.lens, colour=name == "image") for name, stored in parts.items()}
             return {
-                (path, name, view.lens): undistorted(stored, view.lens, colour=name == "image")
-                for name, stored in parts.items()
+                (path, name, view.lens, growth): grown(stored, round(growth * max(stored.shape)))
+                for name, stored in straight.items()
             }
 
-        return self.cache.get((path, part, view.lens), decode)
+        return self.cache.get((path, part, view.lens, growth), decode)
 
 
 def grown(mask: np.ndarray, pixels: int) -> np.ndarray:

@@ -6,7 +6,7 @@ pixels well inside the masks have the look of hair, those well outside another, 
 average over all views, hair ends.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -75,18 +75,22 @@ def mask_growth(border: float | None) -> int:
     return round(border) if border > 0 else round(border + WANTED)
 
 
-def with_corrected_masks(capture: Capture, judged: Capture) -> tuple[Capture, int]:
-    """A capture whose hair masks end where its hair does, and by how much they were grown.
+def with_corrected_masks(capture: Capture, judged: Capture, say: Callable[[str], None]) -> Capture:
+    """A capture whose hair masks end where its hair does.
 
     Args:
         capture: all views.
         judged: those of them that may be looked at.
+        say: is told of a correction.
+
+    Raises:
+        InputError: a photograph or a mask cannot be read.
     """
     growth = mask_growth(mask_border(judged))
     if growth == 0:
-        return capture, 0
-    side = max(max(camera.width, camera.height) for camera in judged.cameras)
-    return replace(capture, mask_growth=growth / min(side, LONGEST_SIDE)), growth
+        return capture
+    say(f"{_fault(growth, judged)}; they are {'grown' if growth > 0 else 'shrunk'} by as much")
+    return replace(capture, mask_growth=growth / min(_longest_side(judged), LONGEST_SIDE))
 
 
 def check_border(capture: Capture) -> Finding | None:
@@ -99,15 +103,20 @@ def check_border(capture: Capture) -> Finding | None:
     if growth == 0:
         return None
     action = "fits correct that; masks that follow the hair, or lie a pixel or two outside, are better still"
-    return Finding("mask border", "warning", correction_sentence(growth).split(":")[0], action)
+    return Finding("mask border", "warning", _fault(growth, capture), action)
 
 
-def correction_sentence(growth: int) -> str:
-    """What a program says when it corrects masks."""
-    pixels = f"{abs(growth)} pixel{'s' if abs(growth) > 1 else ''}"
+def _fault(growth: int, capture: Capture) -> str:
+    """What is wrong with masks that should be grown by so many pixels, in pixels of the largest photographs."""
+    side = _longest_side(capture)
+    pixels = round(abs(growth) * side / min(side, LONGEST_SIDE))
     if growth > 0:
-        return f"hair masks end about {pixels} inside the hair: they are grown by as much"
-    return f"hair masks reach too far beyond the hair: they are shrunk by {pixels}"
+        return f"hair masks end about {pixels} pixels inside the hair"
+    return f"hair masks reach about {pixels} pixels too far beyond the hair"
+
+
+def _longest_side(capture: Capture) -> int:
+    return max(max(camera.width, camera.height) for camera in capture.cameras)
 
 
 def _looked_at(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarray, "height width"]]:

@@ -1,4 +1,4 @@
-"""Standard output that is closed, full, or whose reader has left."""
+"""Sentences on standard error, and standard output that is closed, full, or whose reader has left."""
 
 import os
 import sys
@@ -7,6 +7,12 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from neural_strands.foundation.errors import InputError, reason
+
+
+def say(sentence: str) -> None:
+    """Report one sentence on standard error."""
+    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.flush()
 
 
 class ReaderGoneError(Exception):

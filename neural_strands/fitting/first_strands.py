@@ -10,7 +10,7 @@ from torch import Tensor
 from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull, hairy_points
-from neural_strands.flow.tracing import TraceConfig, trace_hair
+from neural_strands.flow.tracing import TraceConfig, TracedStrands, trace_hair
 from neural_strands.flow.unseen import UnseenConfig, guess_unseen, head_layer
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.frames import to_local
@@ -126,6 +126,24 @@ def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generat
         roots = sample_roots(scalp, many, generator)
         kept = hairy(roots)
     return found.select(torch.arange(count))
+
+
+def trace_first_strands(
+    head: Head, segments: LineSegments, views: Views, count: int, config: InitialConfig, generator: torch.Generator
+) -> TracedStrands:
+    """First strands from this many roots, before a prior encodes them.
+
+    Args:
+        head: mesh and chart.
+        segments: of the hair, signed from root to tip.
+        views: that the segments were found in.
+        count: number of roots.
+        config: how strands are found.
+        generator: of the roots.
+    """
+    roots = hair_roots(head, count, views, config.hull, generator)
+    flow = hair_flow(segments, views, head.mesh, roots, config)
+    return trace_hair(flow, roots.position, roots.normal, config.trace)
 
 
 def flow_latents(

@@ -10,7 +10,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
-from neural_strands.capture.mask_border import correction_sentence, with_corrected_masks
+from neural_strands.capture.mask_border import with_corrected_masks
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
@@ -151,9 +151,7 @@ def prepare_run(
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_views(seen)
     if config.correct_masks:
-        capture, growth = with_corrected_masks(capture, seen)
-        if growth:
-            feedback.say(correction_sentence(growth))
+        capture = with_corrected_masks(capture, seen, feedback.say)
     given = None
     if request.segments is not None and not resuming:
         given = load_segments(request.segments)

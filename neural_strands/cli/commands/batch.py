@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from neural_strands.cli.commands.fit import say
+from neural_strands.cli.streams import say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 

@@ -11,8 +11,9 @@ import tyro
 
 from neural_strands.cli.commands.check import Check
 from neural_strands.cli.commands.evaluate import Evaluate
-from neural_strands.cli.commands.fit import Fit, say
+from neural_strands.cli.commands.fit import Fit
 from neural_strands.cli.commands.synthesize import Synthesize
+from neural_strands.cli.streams import say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.files import atomic_file
 

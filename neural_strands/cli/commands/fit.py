@@ -13,6 +13,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, leads, pick_device
 from neural_strands.cli.settings import parse_with_settings
+from neural_strands.cli.streams import say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.progress import Feedback, track
 
@@ -110,9 +111,3 @@ def _settings(name: str, file: Path | None) -> "FitConfig":
 
     base = config.preset(name)
     return base if file is None else config.read_fit_config(file, base)
-
-
-def say(sentence: str) -> None:
-    """Report one sentence on standard error."""
-    sys.stderr.write(f"{sentence}\n")
-    sys.stderr.flush()

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from neural_strands.cli.commands.fit import say
 from neural_strands.cli.head_options import HeadOptions
+from neural_strands.cli.streams import say
 from neural_strands.foundation.errors import InputError
 
 

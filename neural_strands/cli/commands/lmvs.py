@@ -12,6 +12,7 @@ import tyro
 
 from neural_strands.capture.hold_out import training_views
 from neural_strands.cli.device import DeviceName, pick_device, seeded
+from neural_strands.cli.streams import say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
@@ -62,7 +63,7 @@ class Lmvs:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
         from neural_strands.capture.head import read_head
-        from neural_strands.capture.mask_border import correction_sentence, with_corrected_masks
+        from neural_strands.capture.mask_border import with_corrected_masks
         from neural_strands.lmvs.files import SegmentsSource, save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
@@ -79,9 +80,7 @@ class Lmvs:
         # Read before the long stereo run, lifted to 3D after it.
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         device = pick_device(self.device)
-        capture, growth = with_corrected_masks(capture, capture)
-        if growth:
-            sys.stderr.write(f"{correction_sentence(growth)}\n")
+        capture = with_corrected_masks(capture, capture, say)
         views = capture.views_on(device)
         if self.size is not None:
             views = views.reduced(self.size)
