@@ -1,4 +1,4 @@
-"""Checkpoints of a fit: one file, complete or absent, from which a fit resumes as if it had never stopped."""
+"""Checkpoints of a fit: one file, written atomically, from which a fit resumes as if it had never stopped."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ def save_checkpoint(state: FitState, path: Path) -> None:
     """Write the state from which a fit resumes.
 
     Raises:
-        InputError: the disk is full or cannot be written to, or the fit has diverged; an older checkpoint stays.
+        InputError: the file cannot be written, or the fit has diverged; an older checkpoint is left unchanged.
     """
     content = _content(state)
     if (name := _not_finite(content)) is not None:
@@ -30,13 +30,13 @@ def save_checkpoint(state: FitState, path: Path) -> None:
 
 
 def load_checkpoint(state: FitState, path: Path) -> None:
-    """Restore a fit from its checkpoint; `state` was started with the same config.
+    """Restore a fit from its checkpoint; `state` must have been started with the same config.
 
     Raises:
-        InputError: the file is damaged, belongs to another fit, or holds NaN.
+        InputError: the file is damaged, belongs to another fit, or contains NaN.
     """
     device = state.remembered.device
-    # Adam counts its steps on the CPU; on the device, every count would be a wait at every step.
+    # Adam's step counters stay on the CPU; on the device, each would cost a synchronisation per step.
     content = read_tensors(path, "this fit's checkpoint, whole", ADVICE)
     fault = difference(content, _content(state) | {"optimiser": state.optimiser}, "checkpoint")
     if fault is None and content["step"] < 0:
@@ -53,15 +53,15 @@ def load_checkpoint(state: FitState, path: Path) -> None:
 
 
 def load_model(path: Path, config: HairModelConfig, generator: StrandGenerator) -> HairModel:
-    """Read the hair model alone from a checkpoint, to look at it while the fit goes on.
+    """Read only the hair model from a checkpoint, to look at it while the fit is running.
 
     Args:
         path: the checkpoint.
-        config: of the model, as the run's description says.
+        config: the model's configuration, from the run's description.
         generator: the strand generator that the fit uses.
 
     Raises:
-        InputError: the file is damaged, belongs to another fit, or holds NaN.
+        InputError: the file is damaged, belongs to another fit, or contains NaN.
     """
     content = read_tensors(path, "a fit's checkpoint, whole", ADVICE)
     tensors = content.get("model") if isinstance(content, dict) else None
@@ -71,7 +71,7 @@ def load_model(path: Path, config: HairModelConfig, generator: StrandGenerator) 
 
 
 def _content(state: FitState) -> dict[str, Any]:
-    """What a checkpoint holds; the generator's weights stay the same and are left out."""
+    """The contents of a checkpoint; the generator's weights are left out because they never change."""
     learned = {name: value for name, value in state.model.state_dict().items() if not name.startswith("generator.")}
     return {
         "model": learned,
@@ -85,7 +85,7 @@ def _content(state: FitState) -> dict[str, Any]:
 
 
 def _not_finite(content: dict[str, Any]) -> str | None:
-    """The first part of a checkpoint that holds NaN or infinity, if any does."""
+    """Name of the first part that contains NaN or infinity, if any does."""
     moments = [
         (f"the optimiser's {name}", value)
         for of_one in content["optimiser"]["state"].values()

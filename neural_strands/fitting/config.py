@@ -1,4 +1,4 @@
-"""Settings of a fit: sizes, weights, rates; and the presets of the command line."""
+"""Settings of a fit (sizes, loss weights, learning rates) and the presets of the command line."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,42 +20,44 @@ from neural_strands.model.unet import UNetConfig
 Preset = Literal["demo", "fast", "paper"]
 
 LARGEST_TEXTURE = 2**28
-"""Most numbers in a scalp texture: one gigabyte, and three more for its gradient and Adam's moments."""
+"""Largest number of values in a scalp texture: one gigabyte, and three more for its gradient and Adam's moments."""
 LARGEST_STRANDS = 2**28
-"""Most coordinates of all strands together."""
+"""Largest number of coordinates of all strands together."""
 
 KNOTTED = ScalpTextureConfig(appearance_size=256, appearance_knots=4)
-"""As many numbers as the paper's appearance texture, but four descriptors along each strand instead of finer texels."""
+"""As many values as the paper's appearance texture, but with four descriptors along each strand instead of finer
+texels."""
 
 
 @dataclass(frozen=True)
 class FitWeights:
     """Weights of the losses, which are all means (see `losses`).
 
-    The paper sums: 1 x over points, 1e-3 x over pixels. With P generated points and Q pixels a step, its weights for
-    means are 1 for geometry and 1e-3 Q / P for image and alpha.
+    The paper's losses are sums: over points with weight 1, over pixels with weight 1e-3. With P generated points and Q
+    pixels per step, this corresponds to weights for means of 1 for geometry and 1e-3 Q / P for image and alpha.
     """
 
     geometry: Annotated[float, Between(0, 1e6)] = 1.0
     """Two-way Chamfer against the line segments, distances in `ChamferConfig.unit`."""
     render: Annotated[float, Between(0, 1e6)] = 1.0
-    """Squared colour error."""
+    """Squared error of the colours."""
     perceptual: Annotated[float, Between(0, 1e6)] = 0.04
-    """LPIPS, within the rendering loss (the paper: 0.1, with a sum over pixels)."""
+    """LPIPS, as part of the rendering loss (the paper: 0.1, with sums over pixels)."""
     alpha: Annotated[float, Between(0, 1e6)] = 0.5
     """Squared opacity error on the trimap."""
     head: Annotated[float, Between(0, 1e6)] = 1.0
     """Depth of strands inside the head."""
     first: Annotated[float, Between(0, 1e6)] = 0.05
-    """Distance of strands from their start, if they are traced. Segments are sparse, and without this term strands
-    gather at them and leave gaps between."""
+    """Distance of strands from where they started, if those were traced. Segments are sparse; without this term strands
+    gather at them and leave gaps in between."""
     shape_from_image: Annotated[float, Between(0, 1e6)] = 0.05
-    """Factor of image and alpha gradients that reach the shape texture; 0 leaves the shape to the geometric loss."""
+    """Factor on the image and alpha gradients that reach the shape texture; 0 leaves the shape to the geometric
+    loss."""
 
 
 @dataclass(frozen=True)
 class FitRates:
-    """Adam's learning rates before the schedule's factor."""
+    """Adam's learning rates, before the factor of the schedule."""
 
     shape: Annotated[float, Between(0, 10)] = 4e-3
     """Z_g, in units of the prior's latent (about 1 across hair)."""
@@ -69,7 +71,7 @@ class FitRates:
 
 @dataclass(frozen=True)
 class FitConfig:
-    """The resolved settings of one fit, saved with its results and compared on resume.
+    """The complete settings of one fit, saved with its results and compared when it resumes.
 
     Examples:
         >>> from dataclasses import replace
@@ -88,9 +90,9 @@ class FitConfig:
     step_points: Annotated[int, Between(2, 1000)] = 50
     """Points per strand in the geometric loss (the result has `model.points`)."""
     targets_per_step: Annotated[int, Between(1, 10_000_000)] = 60_000
-    """Points of the line segments that one step sees."""
+    """Points of the line segments used in one step."""
     crop: Annotated[int, Between(16, 8192)] = 160
-    """Side of the square image region of one step, pixels; images no larger are taken whole."""
+    """Side of the square image region of one step, pixels; smaller images are used whole."""
     margin: Annotated[int, Between(0, 1000)] = 8
     """Pixels at a region's border that carry no loss."""
     largest_gradient: Annotated[float, Between(1e-9, 1e6)] = 0.05
@@ -98,14 +100,14 @@ class FitConfig:
     views_per_step: Annotated[int, Between(1, 1000)] = 1
     """Image regions per step, divided between processes."""
     shape_every: Annotated[int, Between(0, 1_000_000)] = 8
-    """After the geometry-only phase the shape moves once in this many steps; other steps train only the appearance. 0:
-    never."""
+    """After the geometry-only phase, the shape is updated once in this many steps; the others train only the
+    appearance. 0: never."""
     hold_out_every: Annotated[int, Between(0, 1_000_000)] = HOLD_OUT_EVERY
-    """One view in this many is held out for evaluation and seen by nothing else; 0 holds out none."""
+    """One view in this many is held out and used only for evaluation; 0 holds out none."""
     correct_masks: bool = True
-    """Grow or shrink the hair masks where the photographs show that they end elsewhere than the hair does."""
+    """Grow or shrink the hair masks if the photographs show that the hair ends elsewhere."""
     initialise: Literal["flow", "mean"] = "flow"
-    """First strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
+    """Initial strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
     clearance: Annotated[float, Between(0, 1)] = 0.001
     """Distance that strands keep from the head, metres."""
     seed: Annotated[int, Between(0, 2**32 - 1)] = 0
@@ -119,18 +121,18 @@ class FitConfig:
             widest_blur=2.0, release_until=0.0, geometry_only=0.1, perceptual_from=0.6, final_rate=0.02
         )
     )
-    """Coarse to fine, root to tip, and the start of image losses. Traced first strands need little of these."""
+    """Coarse to fine, root to tip, and the start of image losses. Traced initial strands need little of these."""
     chamfer: ChamferConfig = field(default_factory=ChamferConfig)
     """The geometric loss."""
     trimap: TrimapConfig = field(default_factory=TrimapConfig)
     """The alpha loss."""
     stereo: LmvsConfig = field(default_factory=lambda: LmvsConfig(confirming=1.4, complete="never"))
-    """Line segments, where none are given. Guesses would mislead the flow that first strands are traced through; lines
-    that little more than one other view confirms are rarely wrong, and the flow needs them."""
+    """Line-based stereo, if no segments are given. Guessed segments would mislead the flow through which the initial
+    strands are traced; lines confirmed by little more than one other view are rarely wrong, and the flow needs them."""
     growth: GrowthConfig = field(default_factory=GrowthConfig)
-    """Which way those segments run, from root to tip."""
+    """Signing those segments from root to tip."""
     initial: InitialConfig = field(default_factory=InitialConfig)
-    """First strands."""
+    """Initial strands."""
     model: HairModelConfig = field(default_factory=lambda: HairModelConfig(textures=KNOTTED))
     """Textures, UNet, body and background."""
 
@@ -138,8 +140,8 @@ class FitConfig:
 def preset(name: str) -> FitConfig:
     """The settings of a preset: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU.
 
-    The shape texture has six texels or more for each strand. With 2.7 it cannot tell neighbours apart: traced strands
-    come out of it 1.7 to 3 mm off.
+    The shape texture has at least six texels per strand. With 2.7 it cannot represent neighbours separately: decoded
+    strands are 1.7 to 3 mm away from the traced ones.
 
     Raises:
         InputError: no preset has that name.
@@ -179,7 +181,7 @@ def preset(name: str) -> FitConfig:
 
 
 def read_fit_config(path: Path, base: FitConfig) -> FitConfig:
-    """Read settings from the `run.json` of a run, or from JSON or TOML that gives some and leaves the rest to `base`.
+    """Read settings from a run's `run.json`, or from JSON or TOML; settings that the file omits are those of `base`.
 
     Raises:
         InputError: the file cannot be read, or a setting in it is unknown, of the wrong type or out of bounds.
@@ -195,10 +197,10 @@ def check_fit_config(config: FitConfig, source: str = "config") -> None:
 
     Args:
         config: the settings.
-        source: where they come from, for messages: a file or an option.
+        source: the file or option that they come from, for error messages.
 
     Raises:
-        InputError: names the first such setting.
+        InputError: a setting, which the message names, is impossible.
     """
     check_config(config, source)
     textures, smallest = config.model.textures, 2 * config.margin + config.model.unet.stride

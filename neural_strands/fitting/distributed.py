@@ -1,4 +1,4 @@
-"""Data parallel over processes: each takes its share of a step's views, and gradients are averaged."""
+"""Data parallelism over processes: each takes its share of a step's views, and gradients are summed."""
 
 import os
 from collections.abc import Iterable
@@ -15,11 +15,11 @@ PATIENCE = timedelta(hours=2)
 
 @dataclass(frozen=True)
 class Workers:
-    """The processes of one fit. `torchrun` starts them; a single process is a group of one.
+    """The processes of one fit, started by `torchrun`; a single process is a group of one.
 
     Attributes:
-        rank: which process this is.
-        count: how many there are.
+        rank: index of this process.
+        count: number of processes.
     """
 
     rank: int = 0
@@ -27,7 +27,7 @@ class Workers:
 
     @classmethod
     def join(cls, device: torch.device) -> "Workers":
-        """Join the group that torchrun's environment describes, if there is one."""
+        """Join the group described by torchrun's environment variables, or form a group of one without them."""
         count = int(os.environ.get("WORLD_SIZE", "1"))
         if count == 1:
             return cls()
@@ -41,11 +41,11 @@ class Workers:
         return self.rank == 0
 
     def share(self, items: int) -> range:
-        """The items of a step that belong to this process; every item belongs to one process."""
+        """The items of a step that this process handles; every item belongs to exactly one process."""
         return range(self.rank, items, self.count)
 
     def sum_gradients(self, parameters: Iterable[Parameter]) -> None:
-        """Sum the gradients of all processes, wherever any has one."""
+        """Sum each parameter's gradient over all processes, if any of them has one."""
         if self.count == 1:
             return
         for parameter in parameters:
@@ -59,7 +59,7 @@ class Workers:
             distributed.barrier()
 
     def agree(self, number: int) -> int:
-        """The leader's number, in every process."""
+        """Return the leader's number in every process."""
         if self.count == 1:
             return number
         held = [number]

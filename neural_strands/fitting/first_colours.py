@@ -1,7 +1,7 @@
-"""First colours in closed form: body and background from the pixels that show them, hair from its strands' means.
+"""Initial colours in closed form: body and background from the pixels that show them, hair from its strands' means.
 
-Drawing body and background is linear in their colours, and so is sampling the appearance texture: the transpose of
-each, which is what autograd computes, sums the pixels that see each vertex or texel.
+Drawing body and background is linear in their colours, and so is sampling the appearance texture. The transpose of
+each, which autograd computes, sums the pixels that see each vertex or texel.
 """
 
 from collections.abc import Sequence
@@ -25,10 +25,10 @@ TINY = 1e-6
 
 
 def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Set the colours of body and background, and the first three channels of Z_a, which start as the hair's colour.
+    """Initialise the colours of body and background, and the first three channels of Z_a to the hair's colour.
 
     Args:
-        model: changed in place.
+        model: modified in place.
         strands: world metres, with `root_uv`.
         targets: photographs; those with a mask separate hair from the rest.
     """
@@ -37,7 +37,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
         return
-    colour = to_srgb(colour)  # as the point shader gives it
+    colour = to_srgb(colour)  # the point shader's output is encoded
     mean = (colour * weight[:, None]).sum(dim=0) / weight.sum()
     height, width, _ = model.textures.appearance.shape
     total, share = spread(colour[seen] - mean, strands.root_uv[seen], height, width)
@@ -70,7 +70,7 @@ def strand_colours(
 def spread(
     values: Float[Tensor, "root channel"], uv: Float[Tensor, "root 2"], height: int, width: int
 ) -> tuple[Float[Tensor, "height width channel"], Float[Tensor, "height width 1"]]:
-    """Sums of values over the texels that sample them, by bilinear weight, and the sums of the weights."""
+    """Scatter values at uv to a texture: sums weighted by the bilinear weights, and the sums of the weights."""
     image = values.new_zeros(height, width, values.shape[1] + 1, requires_grad=True)
     carried = torch.cat([values, torch.ones_like(values[:, :1])], dim=1)
     sums = torch.autograd.grad(sample_texture(image, uv), image, carried)[0]
@@ -93,10 +93,10 @@ def filled(
 
 
 def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Mean of the pixels that show each vertex or texel; a texel that none shows takes the mean of its neighbours.
+    """Set each vertex or texel to the mean of the pixels that show it; unseen texels take the mean of their neighbours.
 
-    Where a mask shows the person, it says which pixels show body and background. Elsewhere the body is also sampled
-    between hair, in its shadow, and the background only where there is almost no hair.
+    A person mask determines which pixels show body and background. Without one, the body is also sampled between hair,
+    in its shadow, and the background only where there is almost no hair.
     """
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))

@@ -1,4 +1,4 @@
-"""The model that a fit starts from: roots on the scalp and first strands at each of them."""
+"""The model that a fit starts from: roots on the scalp and an initial strand at each of them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,17 +15,17 @@ from neural_strands.prior.vae import StrandPrior, load_prior
 
 
 def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
-    """The prior as a fit uses it: these weights, or the package's own; without coupling layers, if it has any.
+    """Load the prior for a fit, without its coupling layers: the given weights, or the package's own by default.
 
     Raises:
-        InputError: there is no such file, or no strand prior in it.
+        InputError: the file does not exist or is not a strand prior.
     """
     prior = load_prior(path, device)
     return prior.without_modulator() if prior.generator.config.modulator == "coupling" else prior
 
 
 def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairModel:
-    """A model with its roots and, if configured, first strands traced through the flow of the segments."""
+    """Build the model with its roots and, if configured, initial strands traced through the flow of the segments."""
     device = data.segments.points.device
     random = torch.Generator().manual_seed(config.seed)
     roots = hair_roots(data.head, config.strands, data.views, config.initial.hull, random)
@@ -41,5 +41,5 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
 
 
 def begin(data: FitData, prior: StrandPrior, config: FitConfig) -> FitState:
-    """A fit at step 0."""
+    """Start a fit at step 0."""
     return start_fit(first_model(data, prior, config), config)

@@ -1,4 +1,4 @@
-"""The first guess of the shape texture: strands traced through the flow, then encoded by the prior."""
+"""The initial shape texture: strands traced through the flow, then encoded by the prior."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -26,23 +26,23 @@ from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import Roots, sample_roots
 
 VOXEL_BYTES = 180
-"""Bytes of all arrays together that `hair_flow` holds at its peak for each voxel of its grid (152 and 181 measured)."""
+"""Peak memory of `hair_flow`, bytes per voxel of its grid (152 and 181 measured)."""
 
 
 ABOVE_ROOT = 0.003
-"""Metres above a root at which views are asked whether hair grows there."""
+"""Height above a root at which the views are tested for hair, metres."""
 LEAST_HAIRY = 0.3
-"""Share of the scalp that masks of its own hair cover at least."""
+"""Least share of the scalp that the masks of its own hair cover."""
 
 
 @dataclass(frozen=True)
 class InitialConfig:
-    """How first strands are found."""
+    """Settings of the initial strands."""
 
     flow: FlowConfig = field(default_factory=FlowConfig)
     """The volume of growth directions."""
     conservation: ConservationConfig = field(default_factory=ConservationConfig)
-    """How the flow is made to fill the hair."""
+    """How the flow is made to conserve the number of strands."""
     hull: HullConfig = field(default_factory=HullConfig)
     """Where hair can be."""
     unseen: UnseenConfig = field(default_factory=UnseenConfig)
@@ -52,7 +52,7 @@ class InitialConfig:
 
 
 def flow_memory(points: Float[Tensor, "point 3"], config: FlowConfig) -> int:
-    """Bytes that `hair_flow` takes at its peak, for hair and roots at these points."""
+    """Peak memory of `hair_flow` for hair and roots at these points, bytes."""
     return VOXEL_BYTES * grid_around(points, config.spacing, config.margin).count
 
 
@@ -64,9 +64,15 @@ def hair_flow(
     config: InitialConfig,
     distance: SignedDistanceGrid | None = None,
 ) -> FlowField:
-    """Directions and extent of the hair, from segments, masks (where there are any) and the scalp.
+    """Estimate directions and extent of the hair from segments, masks (where there are any) and the scalp.
 
-    The distance to the head, where it is sampled already, saves time and changes nothing.
+    Args:
+        segments: line segments, signed from root to tip.
+        views: the views, with or without hair masks.
+        head: mesh of the head.
+        roots: roots on its scalp.
+        config: settings of the initial strands.
+        distance: signed distance to the head, if the caller has sampled it already; only saves time.
     """
     known = torch.cat([segments.points, roots.position])
     grid = grid_around(known, config.flow.spacing, config.flow.margin)
@@ -84,7 +90,7 @@ def hair_flow(
 
 
 def _hair_masks(views: Views, before: Sequence[HeadView]) -> Iterator[tuple[HeadView, Float[Tensor, "height width"]]]:
-    """The views that have a hair mask, with the head before them."""
+    """The views that have a hair mask, each with the depth of the head in it."""
     for index, view in enumerate(before):
         mask = views.hair_mask(index) if views.has_hair_mask[index] else None
         if mask is not None:
@@ -92,19 +98,19 @@ def _hair_masks(views: Views, before: Sequence[HeadView]) -> Iterator[tuple[Head
 
 
 def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generator: torch.Generator) -> Roots:
-    """Roots all over the scalp, but for where a view shows it bare: a head's chart may be larger than its hair.
+    """Sample roots over the scalp, except where a view shows it bare: a head's chart may be larger than its hair.
 
-    Where the views leave less than `LEAST_HAIRY` of the scalp, masks and head do not belong together, and every root
-    is kept.
+    If the views leave less than `LEAST_HAIRY` of the scalp, masks and head do not belong together, and every root is
+    kept.
 
     Args:
         head: mesh and chart, on the device of the views.
-        count: number of roots, which lie on the CPU.
+        count: number of roots, which are returned on the CPU.
         views: with hair masks, if there are any.
         config: how strictly a view declares a place bare.
-        generator: of the roots.
+        generator: draws the roots.
     """
-    # Drawn on the CPU, they are the same on every device.
+    # Drawn on the CPU, so that they are the same on every device.
     scalp, device = head.to("cpu"), head.mesh.vertices.device
     roots = sample_roots(scalp, count, generator)
     if not any(views.has_hair_mask):
@@ -131,15 +137,15 @@ def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generat
 def trace_first_strands(
     head: Head, segments: LineSegments, views: Views, count: int, config: InitialConfig, generator: torch.Generator
 ) -> TracedStrands:
-    """First strands from this many roots, before a prior encodes them.
+    """Trace initial strands from a number of roots, without encoding them by a prior.
 
     Args:
         head: mesh and chart.
-        segments: of the hair, signed from root to tip.
-        views: that the segments were found in.
+        segments: line segments of the hair, signed from root to tip.
+        views: the views from which the segments were reconstructed.
         count: number of roots.
-        config: how strands are found.
-        generator: of the roots.
+        config: settings of the initial strands.
+        generator: draws the roots.
     """
     roots = hair_roots(head, count, views, config.hull, generator)
     flow = hair_flow(segments, views, head.mesh, roots, config)
@@ -149,7 +155,7 @@ def trace_first_strands(
 def flow_latents(
     field: FlowField, roots: Roots, prior: StrandPrior, config: TraceConfig
 ) -> Float[Tensor, "root latent"]:
-    """Trace a strand from every root and encode it."""
+    """Trace a strand from every root and encode it by the prior."""
     strands = trace_hair(field, roots.position, roots.normal, config).points
     return prior.encode(to_local(strands, roots.position, roots.frame))
 
@@ -157,7 +163,7 @@ def flow_latents(
 def texture_from_latents(
     uv: Float[Tensor, "root 2"], latents: Float[Tensor, "root latent"], size: int, sweeps: int = 10
 ) -> Float[Tensor, "{size} {size} latent"]:
-    """A texture whose bilinear samples at the roots are their latents, and whose gaps hold those of the nearest root.
+    """Fit a texture whose bilinear samples at the roots are their latents; gaps take the latent of the nearest root.
 
     Texels start as the latent of their nearest root; sweeps of simultaneous algebraic reconstruction (SIRT) then
     distribute the error of the samples to the four texels of each root.

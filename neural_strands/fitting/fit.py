@@ -1,7 +1,7 @@
 """The fit: images and segments in, scalp textures and renderer out (paper, "End-to-End Optimization").
 
-Every random choice of a step is drawn from the seed, the step and the place of the view in it, so a fit that is
-resumed, or split between processes, sees the same as an uninterrupted one.
+Every random choice depends only on the seed, the step and the view's position in it, so a fit that is resumed, or split
+between processes, makes the same choices as an uninterrupted one.
 """
 
 import time
@@ -37,22 +37,22 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
 
 REFRESH_EVERY = 10
-"""Number of shape steps after which all remembered strands are decoded again, not only those of the step."""
+"""Number of shape steps after which all remembered strands are decoded again, not only those of the current step."""
 LOOK_EVERY = 20
-"""Number of shape steps after which the views are asked again which points they see."""
+"""Number of shape steps after which the visibility of all points in the views is computed again."""
 
 
 @dataclass
 class FitState:
-    """Progress and start of a fit: everything that a checkpoint holds.
+    """Progress and start of a fit: everything that a checkpoint stores.
 
     Attributes:
         model: textures, renderer and roots.
         optimiser: Adam over everything that is learned.
-        remembered: all strands as they were last decoded, `step_points` each.
-        drawn: all strands as images see them, `model.points` each.
-        first: all strands as they started, `step_points` each.
-        seen: which of the remembered points some view saw when it was last asked.
+        remembered: all strands as last decoded, `step_points` each.
+        drawn: all strands as rendered in image steps, `model.points` each.
+        first: the initial strands, `step_points` each.
+        seen: which of the remembered points were visible in some view when visibility was last computed.
         step: number of steps done.
     """
 
@@ -78,7 +78,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
             "rate": rates.surround,
         },
     ]
-    # Texels that only a few pixels see have gradients far below Adam's usual epsilon.
+    # Texels seen by only a few pixels have gradients far below Adam's usual epsilon.
     optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
     with torch.no_grad():
         first = model.decode(config.step_points).points
@@ -97,16 +97,16 @@ def fit(
     """Run the remaining steps of a fit, in place.
 
     Args:
-        state: where to continue from.
+        state: the state to continue from; updated in place.
         data: views, segments and head.
         config: everything else.
-        perceptual: LPIPS or its substitute; without one the rendering loss is the squared error alone.
+        perceptual: LPIPS or its substitute; without it, the rendering loss is only the squared error.
         workers: the processes that share the views of a step.
-        after_step: receives the state and the figures of the step, to log and to save.
+        after_step: called with the state and the figures of each step, to log and to save.
     """
     workers = workers or Workers()
     while state.step < config.steps:
-        # Stopped within a step, a fit would repeat a part of it when it goes on.
+        # A fit interrupted within a step would repeat part of it when resumed.
         with deferred_interrupt():
             _take_step(state, data, config, perceptual, workers, after_step)
 
@@ -119,7 +119,7 @@ def _take_step(
     workers: Workers,
     after_step: Callable[[FitState, dict[str, float]], None] | None,
 ) -> None:
-    """One step, with what `after_step` does about it."""
+    """Take one step, `after_step` included."""
     learned = [parameter for group in state.optimiser.param_groups for parameter in group["params"]]
     images_from = appearance_begins(config.steps, config.schedule)
     began, step = time.perf_counter(), state.step
@@ -146,29 +146,32 @@ def _take_step(
     if shape_moves and (with_images or step % REFRESH_EVERY == 0):
         _decode_all(state, config)
     if after_step is not None:
-        # The host waits for the device only here, so the seconds cover the whole step.
+        # The host waits for the device only here, so the measured seconds cover the whole step.
         numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
         after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
 
 
 def networks(model: HairModel) -> list[Parameter]:
-    """Weights of the image generator and of the points' shading."""
+    """Weights of the image generator and of the point shader."""
     return [*model.unet.parameters(), *model.shading.parameters()]
 
 
 def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
-    """The randomness of one part of one step, the same in every run and process."""
+    """A generator for one part of one step, the same in every run and process."""
     return torch.Generator().manual_seed((config.seed * 1_000_003 + step) * 1_009 + place)
 
 
 def _shape_steps(step: int, config: FitConfig) -> int:
-    """Number of steps before this one, in which the shape moves, that moved it too."""
+    """Number of earlier steps that updated the shape, given that this one does."""
     images_from = appearance_begins(config.steps, config.schedule)
     return step if step < images_from else images_from + (step - images_from) // config.shape_every
 
 
 def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, Tensor]:
-    """Geometric loss and head penalty of some strands; every process computes the same and adds its share."""
+    """Back-propagate the geometric loss and head penalty of some strands.
+
+    All processes compute the same, each with weight 1 / count.
+    """
     model, device = state.model, state.remembered.device
     random = step_generator(config, state.step, 0)
     index = torch.randperm(len(state.remembered), generator=random)[: config.strands_per_step].to(device)
@@ -196,7 +199,7 @@ def _image_part(
     workers: Workers,
     shape_moves: bool,
 ) -> dict[str, Tensor]:
-    """Rendering and alpha losses of this process's share of the step's regions."""
+    """Back-propagate the rendering and alpha losses of this process's share of the step's regions."""
     model, weights = state.model, config.weights
     nothing = torch.zeros((), device=state.drawn.device)
     sums = {"render": nothing, "perceptual": nothing, "alpha": nothing}
@@ -227,7 +230,7 @@ def _image_part(
 
 
 def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Tensor, "root point 3"]:
-    """All strands; those that the view sees are decoded with a (scaled) gradient into the shape texture."""
+    """All strands; those visible in the view are decoded with a (scaled) gradient into the shape texture."""
     model = state.model
     body = model.body(target.camera)
     lines = replace(model.lines, width=0.0)
@@ -244,7 +247,7 @@ def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Te
 
 
 def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
-    """Before the first image step: the width of strands, and colours in closed form from the pixels that show them."""
+    """Before the first image step, estimate the strands' width and initialise all colours in closed form."""
     if config.shape_every > 0:
         _decode_all(state, config)
     strands = Strands(state.drawn, root_uv=state.model.root_uv)
@@ -255,7 +258,7 @@ def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
 
 @torch.no_grad()
 def _decode_all(state: FitState, config: FitConfig) -> None:
-    """After the shape has moved: decode all strands again, for images and for the geometric loss."""
+    """Decode all strands again after the shape has changed, for images and for the geometric loss."""
     state.drawn = state.model.decode().points
     pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
     state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()

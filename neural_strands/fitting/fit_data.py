@@ -1,4 +1,4 @@
-"""Inputs of a fit: the training views one at a time, the line segments, the head."""
+"""Inputs of a fit: the training views, loaded one at a time, the line segments and the head."""
 
 from dataclasses import dataclass
 
@@ -26,18 +26,18 @@ FEWEST_SEGMENT_POINTS = 500
 FARTHEST_FROM_HEAD = 0.25
 """Median distance in metres from segments to scalp beyond which they cannot be this head's hair."""
 EXACT_WITHIN = 0.01
-"""Metres from the head's surface within which a fit's distances are exact at the grid's nodes."""
+"""Distance from the head's surface, metres, within which the values at the grid's nodes are exact."""
 
 
 @dataclass(frozen=True)
 class FitData:
-    """The inputs of a fit, on its device; images stay on disk until a step asks for them.
+    """The inputs of a fit, on its device; images stay on disk until a step needs them.
 
     Attributes:
-        views: the training views alone.
+        views: only the training views.
         head: mesh and scalp chart.
         segments: oriented line segments.
-        targets: their points, indexed for the geometric loss.
+        targets: points on the segments, indexed for the geometric loss.
         distance: signed distance to the head, on a grid around the hair.
     """
 
@@ -48,14 +48,14 @@ class FitData:
     distance: SignedDistanceGrid
 
     def marked(self, target: View) -> Bool[Tensor, "height width"]:
-        """Where a view shows hair: its mask or, without one, the rasterised segments."""
+        """Pixels of a view that show hair: its mask or, without one, the rasterised segments."""
         if target.hair_mask is not None:
             return target.hair_mask > 0.5
         return rasterise_lines(self.segments.lines(), target.camera).segment >= 0
 
 
 def head_distance(head: Mesh) -> SignedDistanceGrid:
-    """Signed distance to the head, sampled as fits need it."""
+    """Sample the signed distance to the head on a grid, as accurately as a fit needs it."""
     return SignedDistanceGrid.build(head, exact_within=EXACT_WITHIN)
 
 
@@ -67,15 +67,15 @@ def gather_fit_data(
     device: torch.device,
     distance: SignedDistanceGrid | None = None,
 ) -> FitData:
-    """Gather the inputs of the steps.
+    """Gather and check the inputs of a fit.
 
     Args:
-        capture: all views; those held out are left out here.
+        capture: all views; held-out views are removed here.
         head: mesh and scalp chart.
         segments: line segments of the training views, signed from root to tip.
         config: which views are held out, radii.
-        device: where tensors go.
-        distance: signed distance to the head, if it is known already; sampling it takes seconds.
+        device: device of the tensors.
+        distance: signed distance to the head, if the caller has it already; sampling it takes seconds.
 
     Raises:
         InputError: too few views or segments, or a head far from the hair.
@@ -96,7 +96,7 @@ def gather_fit_data(
 def random_region(
     data: FitData, view: int, side: int, stride: int, trimap: TrimapConfig, random: torch.Generator
 ) -> tuple[View, Trimap]:
-    """A random square of a training view around hair, with its reference alpha."""
+    """Crop a random square around hair from a training view, with its reference alpha."""
     whole = data.views[view]
     marked = data.marked(whole)
     place = random_square(marked, (whole.camera.height, whole.camera.width), side, stride, random)
@@ -107,7 +107,7 @@ def random_region(
 
 
 def check_views(capture: Capture) -> None:
-    """Reject training views from which no fit is possible.
+    """Reject training views that no fit is possible from.
 
     Raises:
         InputError: there are fewer than three, or all have the same pose.

@@ -1,4 +1,4 @@
-"""Strands during a fit: all are remembered, and some are decoded with a gradient at each step."""
+"""The geometric step of a fit: all strands are remembered, and some are decoded with a gradient at each step."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ from neural_strands.geometry.strands import directions
 
 @dataclass(frozen=True)
 class ShapeLosses:
-    """The parts of the geometric objective, for the log.
+    """The terms of the geometric objective, for the log.
 
     Attributes:
-        surface: generated points against segments.
-        coverage: segments against generated points.
+        surface: distance of generated points from segments.
+        coverage: distance of segments from generated points.
         head: depth inside the head.
-        first: distance of strands from their start.
+        first: distance of strands from where they started.
     """
 
     surface: Float[Tensor, ""]
@@ -30,7 +30,7 @@ class ShapeLosses:
 
 
 def hold_unreleased(points: Float[Tensor, "strand point 3"], released: float) -> Float[Tensor, "strand point 3"]:
-    """The same strands; points beyond the released share of each, from its root, pass no gradient on (root to tip)."""
+    """The same strands; only the `released` share of each, counted from its root, passes gradients on (root to tip)."""
     free = round(released * points.shape[1])
     return points if free >= points.shape[1] else torch.cat([points[:, :free], points[:, free:].detach()], dim=1)
 
@@ -52,12 +52,12 @@ def shape_losses(
 
     Args:
         strands: decoded with a gradient.
-        index: which they are.
-        remembered: all strands as they were last decoded.
+        index: which strands they are.
+        remembered: all strands as last decoded.
         first: all strands as they started.
-        seen: which points of all strands some view sees.
+        seen: which points of all strands are visible in some view.
         data: segments and head.
-        chosen: points of the segments in this step.
+        chosen: indices of the segment points used in this step.
         config: weights, radii and clearance.
     """
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)

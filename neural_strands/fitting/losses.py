@@ -1,8 +1,8 @@
 """The losses of the fit (paper, "End-to-End Optimization"), each a pure function.
 
-Sums and means. The paper prints sums, whose size depends on how many points and pixels a step sees. Here every term is
-a mean: the geometric loss over the points of each side, the rendering and alpha losses over pixels. `FitWeights` says
-what the paper's weights become.
+The paper defines the losses as sums, which depend on how many points and pixels a step uses. Here every term is a mean:
+the geometric loss over the points of each side, the rendering and alpha losses over pixels. `FitWeights` converts the
+paper's weights.
 """
 
 from collections.abc import Callable
@@ -19,22 +19,22 @@ from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.point_queries import nearest
 
 Perceptual = Callable[[Float[Tensor, "height width 3"], Float[Tensor, "height width 3"]], Float[Tensor, ""]]
-"""Distance between a rendered and a photographed image, such as LPIPS."""
+"""Perceptual distance between a rendered and a photographed image, such as LPIPS."""
 
 
 @dataclass(frozen=True)
 class ChamferConfig:
-    """How generated points and segments are compared."""
+    """How generated points are compared with segments."""
 
     radius: Annotated[float, Between(1e-5, 10)] = 0.02
-    """Farthest neighbour that counts, metres."""
+    """Largest distance of a neighbour that counts, metres."""
     surface_radius: Annotated[float, Between(1e-5, 10)] = 0.0015
-    """Generated points farther than this from every segment count as hidden and are not pulled to the surface,
-    metres."""
+    """Generated points farther than this from every segment, metres, count as hidden and are not pulled to the
+    surface."""
     unit: Annotated[float, Between(1e-5, 10)] = 0.002
     """The distance that costs as much as a direction error of 90 degrees, metres."""
     signed: bool = False
-    """Whether a direction opposite to that of its segment counts as wrong."""
+    """Whether a direction opposite to the segment's counts as an error."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +59,15 @@ def surface_loss(
     targets: OrientedTargets,
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
-    """Generated points against their nearest segment (paper, L_geo, first sum), as a mean.
+    """Generated points against their nearest segment point (paper, L_geo, first sum), as a mean.
 
-    Only points that a view sees and that lie near a segment count: hidden hair has no segment to lie on, and pulled to
-    those above it, it leaves a gap.
+    Only points that are visible in some view and lie near a segment count. Hidden hair has no segments; pulling it to
+    those above it would leave a gap.
 
     Args:
         points: generated points.
         directions: their unit directions.
-        seen: whether any view sees them.
+        seen: whether they are visible in some view.
         targets: the line segments.
         config: radii and unit.
     """
@@ -85,14 +85,14 @@ def coverage_loss(
     chosen: Int64[Tensor, " target"],
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
-    """Some segment points against their nearest generated point (paper, L_geo, second sum), as a mean.
+    """Chosen segment points against their nearest generated point (paper, L_geo, second sum), as a mean.
 
     Args:
         points: generated points that carry a gradient.
         directions: their unit directions.
-        others: generated points without gradient; a target nearest to one of them is left to another step.
+        others: generated points without gradient; targets nearest to one of them are skipped in this step.
         targets: the line segments.
-        chosen: indices of their points in this step.
+        chosen: indices of the targets used in this step.
         config: radii and unit.
     """
     everything = torch.cat([points.detach(), others])
@@ -127,7 +127,7 @@ def head_penalty(
 ) -> Float[Tensor, ""]:
     """Mean squared depth, in units of the clearance, of points closer to the head than `clearance` metres.
 
-    The first tenth of every strand is exempt, because it has to leave the scalp.
+    The first tenth of every strand is exempt, because it emerges from the scalp.
     """
     free = points[:, points.shape[1] // 10 :].reshape(-1, 3)
     depth = torch.relu(clearance - head(free))
@@ -137,7 +137,7 @@ def head_penalty(
 def holding_loss(
     points: Float[Tensor, "strand point 3"], first: Float[Tensor, "strand point 3"], unit: float
 ) -> Float[Tensor, ""]:
-    """Mean squared distance of points from their start, in units."""
+    """Mean squared distance of points from their start, in multiples of `unit`."""
     return ((points - first) / unit).square().sum(dim=-1).mean()
 
 

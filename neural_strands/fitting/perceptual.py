@@ -10,7 +10,7 @@ from neural_strands.fitting.losses import Perceptual
 
 
 def perceptual_loss(device: torch.device, say: Callable[[str], None]) -> Perceptual:
-    """LPIPS where its weights can be had, the structural loss otherwise, which `say` is told."""
+    """LPIPS if its weights are available; otherwise the structural loss, which is announced through `say`."""
     metric, reason = find_lpips(TRAINING_NETWORK, device)
     if metric is not None:
         return metric

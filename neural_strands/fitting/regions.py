@@ -1,4 +1,4 @@
-"""Which part of a photograph a step of the fit looks at, and which part of that carries a loss."""
+"""The part of a photograph that a step of the fit uses, and the part of that which carries a loss."""
 
 import torch
 from jaxtyping import Bool
@@ -10,12 +10,12 @@ from neural_strands.geometry.rectangle import Rectangle
 def random_square(
     marked: Bool[Tensor, "height width"] | None, size: tuple[int, int], side: int, stride: int, random: torch.Generator
 ) -> Rectangle:
-    """A square around a random marked pixel, aligned to the image generator's levels.
+    """Choose a square around a random marked pixel, aligned to the image generator's levels.
 
     Args:
-        marked: where the middle may lie, by default anywhere; the middle of the image where nothing is marked.
+        marked: pixels that may be the middle, by default all; if none is marked, the middle of the image is used.
         size: height and width of the image.
-        side: of the square, pixels; an image no larger is taken whole.
+        side: side of the square, pixels; a smaller image is used whole.
         stride: the corner is a multiple of this many pixels.
         random: draws the pixel.
     """
@@ -38,7 +38,7 @@ def inner_part(size: tuple[int, int], margin: int) -> Rectangle:
 
     Args:
         size: height and width of the region.
-        margin: pixels left out on every side, where the region is large enough to spare them.
+        margin: pixels left out on every side, if the region is large enough.
     """
     height, width = size
     edge = margin if min(size) > 4 * margin else 0
@@ -46,5 +46,5 @@ def inner_part(size: tuple[int, int], margin: int) -> Rectangle:
 
 
 def _aligned(start: int, last: int, stride: int) -> int:
-    """The multiple of `stride` nearest below `start` that lies in [0, last]."""
+    """The largest multiple of `stride` that is not above `start`, which is first clamped to [0, last]."""
     return max(0, min(start, last)) // stride * stride

@@ -15,7 +15,7 @@ class ScheduleConfig:
     """
 
     widest_blur: Annotated[float, Between(0, 256)] = 16.0
-    """Deviation in texels of the Gaussian that blurs the gradient of the shape texture at the first step."""
+    """Standard deviation, in texels, of the Gaussian that blurs the gradient of the shape texture at the first step."""
     blur_until: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which the gradient is no longer blurred."""
     release_until: Annotated[float, Between(0, 1)] = 0.3
@@ -23,12 +23,12 @@ class ScheduleConfig:
     geometry_only: Annotated[float, Between(0, 1)] = 0.3
     """Fraction of the steps during which rendering and alpha losses have no weight (the paper: 1,000 steps)."""
     appearance_blur: Annotated[float, Between(0, 256)] = 3.0
-    """Deviation in texels of the Gaussian that blurs the gradient of the appearance texture when images begin: strands
-    that few views see learn from their neighbours."""
+    """Standard deviation, in texels, of the Gaussian that blurs the gradient of the appearance texture at the first
+    image step, so that strands seen by few views learn from their neighbours."""
     appearance_blur_until: Annotated[float, Between(0, 1)] = 1.0
-    """Fraction of the steps after which that gradient is no longer blurred, and strands learn what is their own."""
+    """Fraction of the steps after which that gradient is no longer blurred, and each strand learns on its own."""
     perceptual_from: Annotated[float, Between(0, 1)] = 0.5
-    """Fraction of the steps after which the perceptual loss counts; earlier it is expensive and has little effect."""
+    """Fraction of the steps after which the perceptual loss is used; earlier it has little effect for its cost."""
     warmup: Annotated[int, Between(0, 10_000_000)] = 50
     """Steps over which learning rates rise from zero."""
     final_rate: Annotated[float, Between(0, 1)] = 0.1
@@ -36,18 +36,18 @@ class ScheduleConfig:
 
 
 def blur_width(step: int, steps: int, config: ScheduleConfig) -> float:
-    """Coarse to fine: deviation in texels of the blur of the shape texture's gradient."""
+    """Coarse to fine: standard deviation, in texels, of the blur of the shape texture's gradient."""
     return _falling(config.widest_blur, step, 0, config.blur_until * steps)
 
 
 def appearance_blur_width(step: int, steps: int, config: ScheduleConfig) -> float:
-    """Coarse to fine: deviation in texels of the blur of the appearance texture's gradient."""
+    """Coarse to fine: standard deviation, in texels, of the blur of the appearance texture's gradient."""
     begin = appearance_begins(steps, config)
     return _falling(config.appearance_blur, step, begin, config.appearance_blur_until * steps)
 
 
 def released_points(step: int, steps: int, points: int, config: ScheduleConfig) -> int:
-    """Root to tip: how many points of each strand, from the root, receive a gradient; at least two, then all."""
+    """Root to tip: number of points of each strand, counted from the root, that receive a gradient; from two to all."""
     end = config.release_until * steps
     if step >= end:
         return points
@@ -67,7 +67,7 @@ def rate_factor(step: int, steps: int, config: ScheduleConfig) -> float:
 
 
 def _falling(widest: float, step: int, begin: int, end: float) -> float:
-    """From the widest at `begin`, geometrically, to 1 texel at `end`, and then 0."""
+    """Geometric decay from `widest` at `begin` to 1 texel at `end`, then 0."""
     if step >= end or widest <= 0:
         return 0.0
     return widest ** ((end - step) / (end - begin)) if widest > 1 else widest

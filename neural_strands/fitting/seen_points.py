@@ -1,4 +1,4 @@
-"""Which points of the strands the photographs show."""
+"""Points of the strands that are visible in the photographs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,12 +16,12 @@ from neural_strands.raster.lines import rasterise_lines
 def seen_points(
     model: HairModel, strands: Float[Tensor, "strand point 3"], cameras: Sequence[Camera]
 ) -> Bool[Tensor, "strand point"]:
-    """Points at an end of a segment that lies in front in some pixel of some view.
+    """Mark the points that end a segment which is frontmost in some pixel of some view.
 
     Args:
-        model: its body hides what is behind it.
+        model: provides the body, which hides what is behind it.
         strands: world metres.
-        cameras: of the views.
+        cameras: cameras of the views.
     """
     count, points = strands.shape[:2]
     nothing = count * (points - 1)

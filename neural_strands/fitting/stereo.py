@@ -1,4 +1,4 @@
-"""Line segments of a capture by line-based multi-view stereo, and a check of segments that are given instead."""
+"""Line segments of a capture by line-based multi-view stereo, and a check of segments from a file."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -25,15 +25,15 @@ def find_segments(
     track: Callable[[Iterable, str, int], Iterable],
     device: torch.device | str = "cpu",
 ) -> LineSegments:
-    """Segments of these views, signed from root to tip, on the CPU.
+    """Reconstruct segments from these views, signed from root to tip, on the CPU.
 
     Args:
         capture: the views that may be used.
         head: the head in the cameras' frame; hair grows away from its scalp, not from its shoulders.
         config: the settings of stereo and growth directions, and the seed.
-        work: folder that keeps finished views, so that a stopped run continues; None keeps nothing.
+        work: folder for finished views, from which a stopped run continues; None stores nothing.
         track: shows progress of a loop.
-        device: where the stereo is computed; growth directions are computed on the CPU.
+        device: device of the stereo; growth directions are computed on the CPU.
     """
     random = torch.Generator().manual_seed(config.seed)
     views = capture.views_on(device)
@@ -42,23 +42,23 @@ def find_segments(
 
 
 def segments_source(capture: Capture, config: FitConfig) -> SegmentsSource:
-    """What `find_segments` makes segments from, for the file that keeps them."""
+    """Views and settings from which `find_segments` makes segments, to be stored with them."""
     names = tuple(camera.name for camera in capture.cameras)
     settings = {"stereo": asdict(config.stereo), "growth": asdict(config.growth), "seed": config.seed}
     return SegmentsSource(names, settings)
 
 
 def check_source(path: Path, source: SegmentsSource | None, capture: Capture, every: int) -> str | None:
-    """Refuse segments made from views that the fit holds out: scores on those views would no longer be honest.
+    """Refuse segments made from views that the fit holds out: they would bias the scores on those views.
 
     Args:
         path: file of the segments.
-        source: what the file says that they were made from, if it does.
+        source: the views and settings that the file records, if it does.
         capture: all views.
         every: one view in this many is held out; 0 holds out none.
 
     Returns:
-        A warning, if the file does not say and views are held out.
+        A warning if the file does not record its views and some are held out, else None.
 
     Raises:
         InputError: at least one held-out view was used.

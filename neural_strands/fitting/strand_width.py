@@ -1,9 +1,9 @@
-"""The width of strands: the one whose coverage is most like the mattes of the photographs.
+"""The width of strands, chosen so that their coverage matches the hair masks (mattes) of the photographs best.
 
 Strands drawn too thin reveal what lies behind them, and strands drawn too wide hide it; either way they learn wrong
-colours. Masks show around every lock that stands off how much light passes between strands. How strands thin towards
-their tips is not estimated: strands slightly beside the true ones match mattes better the fainter they end, whether the
-true ones do so or not.
+colours. Around every protruding lock, the masks show how much light passes between strands. The taper towards the tips
+is not estimated: strands slightly beside the true ones match mattes better the more they taper, whether or not the true
+ones do.
 """
 
 from collections.abc import Sequence
@@ -20,22 +20,22 @@ from neural_strands.raster.lines import rasterise_lines
 WIDTHS = tuple(1e-4 * 2 ** (step / 2) for step in range(-1, 7))
 """Widths tried first, metres: 0.07 to 0.8 mm."""
 FINER = 2**0.25
-"""Factors of the best of these, tried next."""
+"""The best of these is then refined by trying it divided and multiplied by this factor."""
 VIEWS = 4
 """Number of views used."""
 
 
 @torch.no_grad()
 def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> float:
-    """Choose the width by the squared difference between coverage and hair masks.
+    """Choose the width with the least squared difference between coverage and hair masks.
 
     Args:
-        model: says how finely lines are drawn, how they thin to their tips, and what hides them.
+        model: provides the line resolution, the taper and the occluding body.
         strands: world metres.
-        targets: photographs; those without a mask are not used.
+        targets: photographs; those without a hair mask are not used.
 
     Returns:
-        The width, metres; the model's own where there is no mask, or none of the widths tried does better.
+        The width, metres; the model's own if there is no mask or no candidate matches better.
     """
     pick = torch.linspace(0, len(targets) - 1, min(VIEWS, len(targets))).round().long().tolist()
     asked = [targets[index] for index in pick]

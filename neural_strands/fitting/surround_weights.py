@@ -1,4 +1,4 @@
-"""Which pixels teach the colours of body and background, in photographs with masks of the person."""
+"""Weights of pixels in learning the colours of body and background, for photographs with person masks."""
 
 import torch
 from jaxtyping import Float
@@ -8,18 +8,18 @@ from neural_strands.geometry.views import View
 from neural_strands.model.compositing import SurroundWeights
 
 BESIDE = 0.1
-"""Coverage of hair or person below which a pixel shows the background: more would mix their colours into it."""
+"""Coverage by hair or person up to which a pixel counts as background; more would mix their colours into it."""
 
 
 def surround_weights(view: View, hair: Float[Tensor, "height width"] | None = None) -> SurroundWeights | None:
-    """How much each pixel teaches body and background; None where the person is not known.
+    """Weights with which each pixel teaches body and background; None for a view without a person mask.
 
-    What is neither hair nor person shows the background; where the mesh reaches beyond both, its colours learn nothing.
-    Hair teaches the body behind it too: skin that stayed bright there would shine through.
+    Pixels of neither hair nor person teach the background; body colours learn nothing where the mesh extends beyond
+    both. Pixels of hair also teach the body behind them: skin that stayed bright there would shine through the hair.
 
     Args:
         view: a photograph with its masks.
-        hair: coverage of hair; by default that of the view's mask, or none where there is no mask.
+        hair: coverage of hair; by default the view's hair mask, or none if it has no mask.
     """
     person = view.person_mask
     if person is None:

@@ -1,4 +1,4 @@
-"""Where the alpha map is known: certain hair, certain background, and an unsupervised band (paper, "Alpha Loss")."""
+"""Reference alpha maps: certain hair, certain background, and an unsupervised band between (paper, "Alpha Loss")."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -19,19 +19,19 @@ class TrimapConfig:
     dilation: Annotated[float, Between(0, 1)] = 0.008
     """Radius by which the mask grows before what lies outside counts as empty, as a fraction of the diagonal."""
     erosion: Annotated[float, Between(0, 1)] = 0.012
-    """Radius by which the grown mask shrinks before what is left counts as opaque, as the same fraction."""
+    """Radius by which the grown mask shrinks before what is left counts as opaque, as a fraction of the diagonal."""
     mattes: bool = True
-    """Whether hair masks are mattes, giving the share of each pixel that is hair; otherwise trimaps are made from
+    """Whether hair masks are mattes, which give the share of each pixel that is hair; otherwise trimaps are made from
     them."""
 
 
 @dataclass(frozen=True)
 class Trimap:
-    """Reference alpha and where it holds.
+    """Reference alpha, and where it is supervised.
 
     Attributes:
         alpha: 1 in the interior, 0 elsewhere; or a matte.
-        supervised: the interior and the exterior, false in the band between; or, of a matte, everything.
+        supervised: the interior and the exterior, but not the band between them; for a matte, every pixel.
     """
 
     alpha: Float[Tensor, "height width"]
@@ -39,7 +39,7 @@ class Trimap:
 
 
 def reference_alpha(mask: Float[Tensor, "height width"], place: Rectangle, config: TrimapConfig) -> Trimap:
-    """Reference alpha of a part of a view that has a hair mask."""
+    """Reference alpha for a part of a view with a hair mask."""
     if not config.mattes:
         return trimap_of_part(mask > 0.5, place, config)
     matte = place.of(mask)
@@ -47,9 +47,9 @@ def reference_alpha(mask: Float[Tensor, "height width"], place: Rectangle, confi
 
 
 def trimap_of_part(lines: Bool[Tensor, "height width"], place: Rectangle, config: TrimapConfig | None = None) -> Trimap:
-    """Dilate the rasterised line segments, then erode: outside the first is empty, inside the second opaque.
+    """Dilate the rasterised segments, then erode: outside the dilated mask is empty, inside the eroded one opaque.
 
-    Computed for a part of the image, from that part and as much around it as the discs reach.
+    Only the given part of the image is computed, from that part and as much around it as the discs reach.
     """
     config = config or TrimapConfig()
     diagonal = (lines.shape[0] ** 2 + lines.shape[1] ** 2) ** 0.5

@@ -1,8 +1,8 @@
-"""The appearance of hair that no photograph shows: that of its neighbours on the scalp.
+"""The appearance of hair that no photograph shows, taken from its neighbours on the scalp.
 
-Texels of Z_a without any gradient keep what they were before the networks learned to read them; in a picture they turn
-up as dark or coloured patches. Sampling the texture is linear, so its transpose, which autograd computes, sums how many
-line pixels of all photographs read each texel.
+Texels of Z_a that never receive a gradient keep their initial values, which the trained networks turn into dark or
+coloured patches. Sampling the texture is linear, so its transpose, which autograd computes, counts the line pixels of
+all photographs that read each texel.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
 ENOUGH = 4.0
-"""Line pixels of all photographs that must read a texel for it to have learned something."""
+"""Number of line pixels, over all photographs, that must read a texel for it to count as learned."""
 
 
 def fill_unseen_appearance(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
     """Give texels of Z_a that no photograph shows the values of their neighbours, at each knot from root to tip.
 
     Args:
-        model: changed in place, where nothing was learned.
+        model: modified in place, only in texels that did not learn.
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
     """
@@ -43,10 +43,10 @@ def fill_unseen_appearance(model: HairModel, strands: Strands, targets: Views | 
 def texel_weights(
     model: HairModel, strands: Strands, targets: Views | Sequence[View]
 ) -> Float[Tensor, "height width knot"]:
-    """How many line pixels of the photographs read each texel of Z_a, at each knot.
+    """Number of line pixels of the photographs that read each texel of Z_a, at each knot.
 
     Raises:
-        ValueError: strands without `root_uv`.
+        ValueError: the strands have no `root_uv`.
     """
     if strands.root_uv is None:
         raise ValueError("strands need root_uv: it says which texels they read")

@@ -1,1 +1,1 @@
-"""The hair model: scalp textures, alias-free UNet, compositing (paper, "Neural Strands")."""
+"""The hair model: scalp textures, alias-free UNet, compositing and the renderer (paper, section 4)."""

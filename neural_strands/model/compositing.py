@@ -1,7 +1,8 @@
 """What lies behind the hair: a body mesh and a surrounding sphere, both with learned colours (paper, 4.3).
 
-The body's colours are a low-resolution texture where the mesh has texture coordinates, and one colour per vertex where
-it has none. The sphere's are an equirectangular texture: u follows the azimuth, v the height, y up. All are linear.
+The body's colours are a low-resolution texture if the mesh has texture coordinates, and otherwise one colour per
+vertex. The sphere's are an equirectangular texture: u follows the azimuth, v the elevation, y up. All colours are
+linear.
 """
 
 import math
@@ -21,9 +22,9 @@ from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
 START = 0.2
-"""Colour of everything before it is learned, linear: mid grey."""
+"""Initial colour of body and background, linear: mid grey."""
 REACH = 6
-"""Pixels around strands that the network may fill with hair."""
+"""Distance from the strands, in pixels, up to which the network may add hair."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class SurroundConfig:
     """Sizes of what lies behind the hair."""
 
     body_texture: Annotated[int, Between(1, 4096)] = 256
-    """Texels per side of the body's texture, if the mesh has texture coordinates."""
+    """Texels per side of the body's texture; unused if the mesh has no texture coordinates."""
     background_texture: Annotated[int, Between(1, 4096)] = 64
     """Texels from pole to pole of the background sphere; twice as many around it."""
     background_radius: Annotated[float, Between(1e-3, 1e6)] = 10.0
@@ -55,11 +56,11 @@ class BodyImage:
 
 @dataclass(frozen=True)
 class SurroundWeights:
-    """How much each pixel of a photograph teaches what lies behind the hair, in [0, 1].
+    """Weight of each pixel of a photograph in learning what lies behind the hair, in [0, 1].
 
     Attributes:
-        body: the colours of the body.
-        background: the colours of the background.
+        body: weight for the colours of the body.
+        background: weight for the colours of the background.
     """
 
     body: Float[Tensor, "height width"]
@@ -68,12 +69,14 @@ class SurroundWeights:
 
 @dataclass(frozen=True)
 class SkinChange:
-    """What the colours of a body become, at its vertices.
+    """Change of the body's colours, given at its vertices.
+
+    The new colour is `lerp(factor * learned, instead, share)`.
 
     Attributes:
-        factor: of the learned colours.
-        instead: linear colours in place of the learned ones.
-        share: of those, from 0 to 1.
+        factor: multiplies the learned colours.
+        instead: linear colours that replace the learned ones.
+        share: how far they replace them: 0 not at all, 1 completely.
     """
 
     factor: Float[Tensor, " vertex"]
@@ -99,11 +102,11 @@ class Body(nn.Module):
 
     @property
     def mesh(self) -> Mesh:
-        """The mesh itself."""
+        """The mesh on which the colours are learned."""
         return Mesh(self.vertices, self.faces, self.corner_uv)
 
     def vertex_colours(self) -> Float[Tensor, "vertex 3"]:
-        """Linear colours at the vertices; of a texture, at one of the places that a vertex has in it."""
+        """Linear colours at the vertices; a vertex with several texture coordinates takes the colour at one of them."""
         if self.corner_uv is None:
             return self.colour
         uv = self.corner_uv.new_zeros(len(self.vertices), 2)
@@ -117,13 +120,13 @@ class Body(nn.Module):
 
         Args:
             camera: the view.
-            seen: the rasterised mesh, if it is already known.
-            change: what its colours become, if not what was learned.
+            seen: the rasterised mesh, if the caller has it already.
+            change: how the colours differ from the learned ones, if they do.
         """
         seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
         covered, (height, width) = seen.face >= 0, seen.face.shape
         if covered.device.type == "cuda" and len(self.faces):
-            # To find the pixels of the body the host would have to wait for the device; to colour all, it does not.
+            # Selecting the body's pixels would make the host wait for the device; colouring every pixel does not.
             colour = self._colours(seen.face.view(-1).clamp(min=0), seen.barycentric.view(-1, 3), change)
             image = torch.where(covered.view(-1, 1), colour, 0.0)
         else:
@@ -138,7 +141,7 @@ class Body(nn.Module):
         barycentric: Float[Tensor, "pixel 3"],
         change: SkinChange | None,
     ) -> Float[Tensor, "pixel 3"]:
-        """Linear colours of places on faces."""
+        """Linear colours at barycentric positions on faces."""
         if self.corner_uv is None:
             colour = interpolate(self.colour[self.faces], face, barycentric)
         else:
@@ -164,9 +167,9 @@ class Background(nn.Module):
 
     @property
     def centre_on_cpu(self) -> Float[Tensor, "3"]:
-        """The centre where the host may read it; the host waits for the device only after the centre has changed."""
+        """A copy of the centre on the CPU, made anew (a device synchronisation) only after the centre has changed."""
         if self.centre.is_inference():
-            # Nobody could notice that it has changed.
+            # Inference tensors have no version counter, so a change could not be noticed.
             return self.centre.cpu()
         state = (id(self.centre), self.centre._version)
         if self._centre_on_cpu is None or self._centre_on_cpu[0] != state:
@@ -174,7 +177,7 @@ class Background(nn.Module):
         return self._centre_on_cpu[1]
 
     def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
-        """Linear colour of the sphere behind every pixel."""
+        """Linear colour of the background behind every pixel."""
         rays = camera.rays(camera.pixel_centres().view(-1, 2))
         on_sphere = sphere_directions(camera.position - self.centre, rays, self.radius)
         # One extra column at each end, so that interpolation wraps around.
@@ -192,9 +195,9 @@ def sphere_directions(
     """Unit directions from the sphere's centre to the points where unit rays leave it.
 
     Args:
-        origin: start of the rays, from the sphere's centre, metres.
-        rays: unit directions.
-        radius: metres; a ray that misses the sphere keeps its own direction.
+        origin: start of the rays relative to the sphere's centre, metres.
+        rays: unit directions of the rays.
+        radius: of the sphere, metres; a ray that misses the sphere keeps its own direction.
     """
     along = rays @ origin
     discriminant = along.square() - origin @ origin + radius**2
@@ -204,15 +207,18 @@ def sphere_directions(
 
 
 def equirectangular(directions: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 2"]:
-    """Texture coordinates in [0, 1] of unit directions: azimuth from -z through +x, and height from below to above."""
+    """Texture coordinates in [0, 1] of unit directions.
+
+    u is the azimuth: 0.5 at +z, growing towards +x. v is the elevation: 0 straight down, 1 straight up.
+    """
     x, y, z = directions.unbind(-1)
     return torch.stack([torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5], dim=-1)
 
 
 def near_hair(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
-    """1 within `REACH` pixels of any strand, along rows and columns, and 0 beyond three times as many.
+    """1 within `REACH` pixels of any strand, along rows and columns, and 0 beyond three times that distance.
 
-    Training sees squares around the hair; far from it, nothing would keep the network from a faint haze.
+    Training sees only squares around the hair, so nothing else keeps the network from a faint haze far from it.
     """
     near = (coverage > 0).to(coverage.dtype)[None, None]
     wide, narrow = 4 * REACH + 1, 2 * REACH + 1
@@ -234,7 +240,7 @@ def compose(
 def weighted_gradient(
     image: Float[Tensor, "height width channel"], weight: Float[Tensor, "height width"]
 ) -> Float[Tensor, "height width channel"]:
-    """The same image; the gradient of each pixel is multiplied by its weight."""
+    """The unchanged image, with the gradient of each pixel multiplied by its weight."""
     return image.detach() + weight[..., None] * (image - image.detach())
 
 

@@ -20,7 +20,7 @@ from neural_strands.scalp.roots import Roots
 
 CONFIG_NAME = "config.json"
 MODEL_NAME = "model"
-"""The folder of the model inside a run."""
+"""Name of the model's folder inside a run."""
 WEIGHTS_NAME = "model.safetensors"
 FORMAT = 6
 """Version of the folder's layout."""
@@ -35,16 +35,16 @@ SHAPES = {
     "textures.shape": "texel texel latent",
     "textures.appearance": "colour_texel colour_texel feature",
 }
-"""Tensors whose sizes are the capture's, not the config's, or large: checked before a model is built."""
+"""Tensors that are large or whose sizes depend on the capture; their shapes are checked before a model is built."""
 
 
 def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None = None) -> None:
     """Write a model; an existing folder of that name is replaced.
 
     Args:
-        model: what to save.
-        folder: where.
-        notes: how the model was made (command, capture, seed), kept in `config.json`.
+        model: the model to save.
+        folder: where to write it.
+        notes: how the model was made (command, capture, seed), written into `config.json`.
 
     Raises:
         InputError: the folder cannot be written.
@@ -62,7 +62,7 @@ def save_hair_model(model: HairModel, folder: Path, notes: dict[str, str] | None
 
 
 def find_hair_model(path: Path) -> Path:
-    """The folder of the model that a path names: itself, or `model` inside a run."""
+    """The model's folder: the path itself if it holds a model, else `model` inside it (a run)."""
     return path if (path / CONFIG_NAME).is_file() else path / MODEL_NAME
 
 
@@ -93,12 +93,12 @@ def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairMod
 def hair_model_from_tensors(
     path: Path, tensors: dict[str, Tensor], config: HairModelConfig, generator: StrandGenerator
 ) -> HairModel:
-    """Build a model from its state without the generator's weights, as a checkpoint holds it.
+    """Build a model from a state that lacks the generator's weights, as checkpoints store it.
 
     Args:
-        path: the file that the tensors come from, for messages.
+        path: the file that the tensors come from, for error messages.
         tensors: `state_dict` of the model without the entries of the generator.
-        config: of the model.
+        config: the model's configuration.
         generator: the strand generator that the model was fitted with.
 
     Raises:
@@ -124,7 +124,8 @@ def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConf
     """Refuse tensors from which no model can be built, before one is built.
 
     Raises:
-        InputError: a tensor is missing, has another shape than its neighbours or the config have it, or is not finite.
+        InputError: a tensor is missing, is not finite, or has a shape that disagrees with the config or the other
+            tensors.
     """
     textures = config.textures
     sides = {

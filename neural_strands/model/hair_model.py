@@ -1,8 +1,8 @@
 """The whole representation: scalp textures -> strands -> descriptors -> image (paper, figure 2).
 
 `decode` turns the shape texture into strands; `render` turns strands, wherever they come from, into an image. Static
-hair is decoded once and rendered many times. Edited or true strands are rendered the same way; their features are found
-by the position of their roots on the scalp chart.
+hair is decoded once and rendered many times. Edited or ground-truth strands are rendered the same way; their appearance
+is looked up at the position of their roots on the scalp chart.
 """
 
 from dataclasses import dataclass, field, replace
@@ -43,14 +43,16 @@ from neural_strands.raster.visible import interpolate_knots, visible_directions,
 from neural_strands.scalp.roots import Roots
 
 BACKGROUND_THROUGH = 0.1
-"""Opacity of hair below which the background still learns from images that have no mask of the person.
+"""Opacity of hair up to which the background still learns from images that have no person mask.
 
-Most of what shines through hair is hair, and the background behind it differs between views: other views would show
-that hair's colour beside their own hair. Scalp and face belong to the hair in front of them, and keep its shadow."""
+Behind denser hair, the background would learn the colour of the hair and show it beside the hair in other views, where
+other background lies behind. Scalp and face always learn: they move with the hair in front of them and keep its
+shadow."""
 LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
 """Initial opacity of a pixel without any strand and of a fully covered one.
 
-In a pixel without strands, more would show as a rim around the hair, and less would hardly learn to close a gap."""
+With a higher value for pixels without strands, a rim would show around the hair; with a lower one, gaps would hardly
+learn to close."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +68,11 @@ class HairModelConfig:
     shading: ShadingConfig = field(default_factory=ShadingConfig)
     """Colour of visible points."""
     lines: LineConfig = field(default_factory=LineConfig)
-    """How strands are drawn; a fit with mattes estimates their width itself."""
+    """How strands are drawn; a fit to images with hair masks estimates their width itself."""
     points: Annotated[int, Between(2, 10000)] = 100
     """Points per strand."""
     supersample: Annotated[int, Between(1, 16)] = 3
-    """Line pixels per image pixel along each axis; they are splatted together."""
+    """Line pixels per image pixel along each axis; all of them are splatted into the image pixel."""
     mixed_precision: bool = True
     """Run the convolutions in bfloat16 on CUDA."""
 
@@ -84,8 +86,8 @@ class Drawing(NamedTuple):
     """Strands and body as a camera sees them, at `supersample` times the image's resolution.
 
     Attributes:
-        body: faces seen.
-        lines: segments seen.
+        body: the visible faces.
+        lines: the visible segments.
     """
 
     body: TriangleBuffer
@@ -97,7 +99,7 @@ class RenderOutput:
     """One rendered view.
 
     Attributes:
-        rgb: the picture: hair over body over background, sRGB-encoded; not clamped to [0, 1].
+        rgb: hair over body over background, sRGB-encoded; not clamped to [0, 1].
         alpha: opacity of the hair.
         hair_rgb: colour of the hair alone, linear.
         behind_rgb: body over background, linear.
@@ -114,7 +116,7 @@ class RenderOutput:
 
     @property
     def cutout(self) -> Float[Tensor, "height width 4"]:
-        """The hair alone, as a picture with opacity: sRGB-encoded colour, and alpha."""
+        """The hair alone, as an RGBA picture: sRGB-encoded colour and opacity."""
         return torch.cat([to_srgb(self.hair_rgb), self.alpha[..., None]], dim=-1)
 
 
@@ -122,9 +124,9 @@ class HairModel(nn.Module):
     """Fitted hair of one head.
 
     Attributes:
-        config: sizes.
-        strand_width: width of the strands as drawn, metres: the config's until a fit finds one; part of the state.
-        seen_from: unit directions to the cameras of the photographs, once a fit has said so; part of the state.
+        config: sizes and options.
+        strand_width: width of the strands as drawn, metres: the config's until a fit estimates one; part of the state.
+        seen_from: unit directions to the cameras of the photographs, empty before a fit; part of the state.
     """
 
     root_position: Tensor
@@ -142,10 +144,10 @@ class HairModel(nn.Module):
         """Start from a mean strand at every root.
 
         Args:
-            config: sizes.
-            roots: where strands start.
-            generator: the pre-trained strand generator; it is frozen.
-            body: head and body, occluders of the hair; may have no faces.
+            config: sizes and options.
+            roots: the strands' roots on the scalp.
+            generator: the pre-trained strand generator, which stays frozen.
+            body: head and body, which occlude the hair; may have no faces.
             random: draws the initial weights of the image generator.
         """
         super().__init__()
@@ -166,16 +168,16 @@ class HairModel(nn.Module):
 
     @property
     def lines(self) -> LineConfig:
-        """How strands are drawn: as the config says, at the width of this state."""
+        """How strands are drawn: the config, with the model's own strand width."""
         return replace(self.config.lines, width=self.strand_width)
 
     def get_extra_state(self) -> Tensor:
-        """The width of the strands, the tip of the config and `seen_from`, as `state_dict` stores them."""
+        """`[strand_width, tip of the config, *seen_from]`, as `state_dict` stores them."""
         numbers = torch.tensor([self.strand_width, self.config.lines.tip], dtype=torch.float64)
         return torch.cat([numbers, self.seen_from.double().flatten()])
 
     def set_extra_state(self, state: Tensor) -> None:
-        """Take the width of the strands and `seen_from` from a `state_dict`; the tip is the config's."""
+        """Restore `strand_width` and `seen_from` from a `state_dict`; the tip stays that of the config."""
         self.strand_width = state.tolist()[0]
         self.seen_from = state[2:].reshape(-1, 3).float().cpu()
 
@@ -186,12 +188,12 @@ class HairModel(nn.Module):
     def decode(
         self, points: int | None = None, blur: float = 0.0, index: Int64[Tensor, " some"] | None = None
     ) -> Strands:
-        """Strands of the roots in world metres.
+        """Strands of the roots, in world metres.
 
         Args:
-            points: points per strand, by default those of the config.
-            blur: standard deviation, in texels, of the blur of the gradient into Z_g.
-            index: which roots, by default all of them.
+            points: points per strand, by default the config's.
+            blur: standard deviation, in texels, of the blur applied to the gradient of Z_g.
+            index: the roots to decode, by default all.
         """
         roots = (self.root_position, self.root_uv, self.root_frame)
         position, uv, frame = roots if index is None else (values[index] for values in roots)
@@ -218,19 +220,20 @@ class HairModel(nn.Module):
         """Render strands from one view.
 
         Args:
-            strands: world metres; `root_uv` says whose appearance each has.
+            strands: in world metres; `root_uv` is where on the scalp their appearance is looked up.
             camera: the view, of any size.
-            blur: standard deviation, in texels, of the blur of the gradient into Z_a.
-            volume: `hair_volume` of the strands, if they are rendered more than once.
-            teaches: which pixels pass gradients on to body and background; by default all pixels do to the body, and
-                those with almost no hair to the background.
+            blur: standard deviation, in texels, of the blur applied to the gradient of Z_a.
+            volume: `hair_volume` of the strands, if the caller has it already; saves time when they are rendered
+                repeatedly.
+            teaches: weights of the gradients that body and background receive; by default the body receives all of
+                them, and the background those of pixels with almost no hair.
             light: how the light differs from that in which the appearance was fitted.
 
         Raises:
-            ValueError: strands without `root_uv`.
+            ValueError: the strands have no `root_uv`.
         """
         factor = self.config.supersample
-        # Before the camera goes to the device: what is there already need not be waited for.
+        # Computed before the camera moves to the device, so that the host need not wait for it.
         turn = self.turn(camera)
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
@@ -265,10 +268,10 @@ class HairModel(nn.Module):
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of visible points, one per level (paper, "Neural Hair Descriptor").
 
-        The colour of the points follows as the last three channels, in linear light.
+        The last three channels are the colour of the points, linear.
 
         Raises:
-            ValueError: strands without `root_uv`.
+            ValueError: the strands have no `root_uv`.
         """
         if strands.root_uv is None:
             raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
@@ -297,11 +300,11 @@ class HairModel(nn.Module):
         """Encoded colour and opacity logit of the hair, from splatted descriptors (paper, "Image Generation").
 
         Args:
-            maps: of all levels.
+            maps: the splatted maps of all levels, finest first.
             camera: the view.
-            turn: what `turn` says of it.
+            turn: `self.turn(camera)`.
         """
-        # Channels last from the start, which is fastest for convolutions.
+        # Channels-last memory is the fastest layout for convolutions.
         pyramid = [
             torch.cat([_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn)], dim=2)
             for level, level_map in enumerate(maps)
@@ -326,13 +329,13 @@ class HairModel(nn.Module):
         return rays if turn is None else rays @ turn.T, share.clamp(max=1.0)[..., None]
 
     def turn(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
-        """How directions are turned before networks see them, for a camera far from all photographs."""
+        """Rotation of the directions that networks see, for a camera far from all photographs; None near them."""
         turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
         return None if turn is None else turn.to(self.root_uv)
 
 
 def _encoded(features: Float[Tensor, "channel height width"]) -> Float[Tensor, "height width channel"]:
-    """Splatted maps as the network reads them: in encoded colours, dark hair has more of the range."""
+    """Splatted maps with sRGB-encoded colours: encoding gives dark hair more of the network's input range."""
     descriptor, colour = features.permute(1, 2, 0).split([len(features) - 3, 3], dim=2)
     return torch.cat([descriptor, to_srgb(colour)], dim=2)
 

@@ -1,9 +1,9 @@
-"""How much hair lies around a point, and the way out of it.
+"""Density of hair around a point, and the direction out of the hair.
 
 Light that leaves hair has been scattered by many fibres: the rim of the hair glows in front of a light, tips are paler
-than deep hair, and a side seen from the front differs from one seen at a grazing angle. A fibre and its angles alone
-cannot explain this, but a coarse grid of density can: that of all strands, hidden ones included, and of edited hair as
-well.
+than deep hair, and a side seen from the front differs from one seen at a grazing angle. The angles at a fibre cannot
+explain this, but a coarse grid of hair density can. It counts all strands, hidden ones included, and is as easily
+computed for edited hair.
 """
 
 import math
@@ -23,13 +23,14 @@ MOST_CELLS = 72
 """Largest number of cells along the longest side; hair that needs more has larger cells."""
 
 LARGER = 1.5
-"""How much larger than those of a lattice the cells of hair may have to be for the lattice to be kept."""
+"""A given lattice is kept unless the hair needs cells more than this many times larger."""
 
 WIDTHS = (0.004, 0.012)
-"""Standard deviations of the Gaussians that average the density, metres; the last one gives the way out."""
+"""Standard deviations of the Gaussians that blur the density, metres; the direction out comes from the last."""
 
 FAINT = 0.05
-"""Density that separates sparse hair from none, strands per square millimetre."""
+"""Added to densities before their logarithm, strands per square millimetre: sparse hair starts to differ from none
+here."""
 
 SAMPLES = 16
 """Number of pieces into which a strand is divided, if it has at least as many points."""
@@ -43,20 +44,20 @@ class HairVolume:
     """Density of hair on a grid.
 
     Attributes:
-        grid: whose voxels density is counted in.
-        values: decrease of density along each axis, then log densities (strands that cross a square millimetre).
+        grid: the voxels.
+        values: decrease of density along each axis, then log densities (strands crossing a square millimetre).
     """
 
     grid: VoxelGrid
     values: Float[Tensor, "x y z channel"]
 
     def at(self, world: Float[Tensor, "point 3"]) -> Float[Tensor, "point channel"]:
-        """Direction out of the hair and log densities at world positions; no gradient to the positions."""
+        """Direction out of the hair and log densities at world positions; positions receive no gradient."""
         sampled = self.grid.sample(self.values, world, outside="border")
         return torch.cat([F.normalize(sampled[:, :3], dim=1), sampled[:, 3:]], dim=1)
 
     def density(self) -> Float[Tensor, "x y z"]:
-        """Strands that cross a square metre, the least averaged of the densities."""
+        """Strands crossing a square metre: the least blurred density."""
         return 1e6 * (self.values[..., 3].exp() - FAINT).clamp(min=0.0)
 
 
@@ -65,12 +66,12 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
     """Density of strands; points that are not finite are ignored.
 
     Args:
-        points: metres.
-        lattice: a grid whose nodes, and more of them as far as need be, become those of the volume, so that two states
-            of hair can be compared; hair that has grown too large for its spacing gets larger cells.
+        points: strands in world metres.
+        lattice: a grid whose nodes the volume reuses, extended as far as needed, so that two states of the hair can be
+            compared; hair that has grown too large for its spacing gets larger cells instead.
     """
     stride = max(1, (points.shape[1] - 1) // SAMPLES)
-    # Axes first, because sums over three adjacent numbers are slow.
+    # Axes come first because sums over an innermost axis of three are slow.
     coarse = points[:, ::stride].permute(2, 0, 1).contiguous()
     middle = (0.5 * (coarse[:, :, 1:] + coarse[:, :, :-1])).flatten(1)
     length = (coarse[:, :, 1:] - coarse[:, :, :-1]).flatten(1).square().sum(dim=0).sqrt()

@@ -10,18 +10,18 @@ from torch import Tensor
 from neural_strands.geometry.mesh import Mesh
 
 HIDDEN, SEEN = 0.25, 0.5
-"""Shares of the lines of sight to a place that hair leaves free: below the first nothing is known of the skin there,
-above the second everything."""
+"""Shares of a place's lines of sight that are free of hair: below the first nothing is known of the skin there, above
+the second everything."""
 HELD = 1.0
-"""How much known values hold, compared with one edge of the mesh, which pulls its ends together."""
+"""Weight that holds known values in place; an edge of the mesh pulls its ends together with weight 1."""
 MEAN = 1e-6
-"""How much every vertex is drawn towards the mean, on the same scale: parts without a known vertex take the mean."""
+"""Weight that pulls every vertex towards the mean: parts of the mesh without a known vertex take the mean."""
 PRECISION, STEPS = 1e-5, 2000
-"""Relative residual at which the solver ends, and the most steps that it takes."""
+"""Relative residual at which the solver stops, and its largest number of steps."""
 
 
 def known_share(free: Float[Tensor, " vertex"]) -> Float[Tensor, " vertex"]:
-    """How much photographs tell of places to which a share of the lines of sight is free of hair."""
+    """How well photographs determine the skin's colour, in [0, 1], given the share of free lines of sight."""
     share = ((free - HIDDEN) / (SEEN - HIDDEN)).clamp(0, 1)
     return share * share * (3 - 2 * share)
 
@@ -30,12 +30,15 @@ def known_share(free: Float[Tensor, " vertex"]) -> Float[Tensor, " vertex"]:
 def spread(
     values: Float[Tensor, "vertex channel"], known: Float[Tensor, " vertex"], mesh: Mesh
 ) -> Float[Tensor, "vertex channel"]:
-    """Values at all vertices of a mesh: about those given where they are known, harmonic on the mesh elsewhere.
+    """Extend values from known vertices to all vertices of a mesh.
+
+    Known values are nearly kept; elsewhere the result is harmonic on the mesh's edges. Without any known vertex the
+    values are returned unchanged.
 
     Args:
-        values: only those of vertices that are known at all count.
-        known: weight of each, from 0 to 1.
-        mesh: whose edges lead values on; without any known vertex they stay as they are.
+        values: at the vertices; those with zero `known` are ignored.
+        known: weight of each vertex, from 0 to 1.
+        mesh: the mesh whose edges connect the vertices.
     """
     weight = known.double().cpu().numpy()
     if not weight.any():

@@ -1,12 +1,12 @@
-"""Light that reaches hair and skin through the hair: how it changes when hair is edited.
+"""Light that reaches hair and skin through the hair, and how it changes when hair is edited.
 
-What a fit learns holds the shadows of the hair that was there. Edited hair lets other light through, so its linear
-colours are multiplied by the light that reaches a place now over the light that reached it then. Light comes evenly
-from all around. On its way a share of it is lost to every fibre that it crosses, as in the dual scattering of Zinke et
-al. 2008, and the head lets none through.
+The colours that a fit learns include the shadows of the fitted hair. Edited hair casts different ones, so linear
+colours are multiplied by the ratio of the light that reaches a place now to the light that reached it then. Light comes
+evenly from all directions. It loses a share at every fibre that it crosses, as in the dual scattering of Zinke et al.
+2008, and the head blocks it.
 
-Skin that lay beneath hair is another matter: photographs say nothing about it. Once hair no longer covers it, it takes
-the colour of the skin around it, in the light that reaches it now (`model.hidden_skin`).
+Skin beneath hair is a special case: photographs do not show it. Once hair no longer covers it, it takes the colour of
+the skin around it, in the light that reaches it now (`model.hidden_skin`).
 """
 
 import itertools
@@ -25,26 +25,26 @@ from neural_strands.model.hair_volume import HairVolume
 from neural_strands.model.hidden_skin import known_share, spread
 
 LOST = 0.3
-"""Share of the light that a fibre in its way takes out of it: most of it goes on, scattered forwards."""
+"""Share of the light lost at each fibre; the rest is scattered forwards."""
 AMBIENT = 0.1
-"""Light that reaches every place, as a share of what reaches one in the open: fibres scatter it everywhere."""
+"""Scattered light that reaches every place, as a share of the light in the open."""
 BRIGHTEST = 2.0
-"""Largest factor of a colour: of what lay in deep shadow, or was hidden, a fit knows too little for more."""
+"""Largest factor applied to a colour: a fit knows too little about what lay in deep shadow for a larger one."""
 FAINTEST = 1e-3
-"""Least share of directions from which a place can be seen past the head; nothing is divided by less."""
+"""Smallest divisor for the share of directions in which the head does not block the view."""
 KNOTS = 12
-"""Places along a strand at which light is computed."""
+"""Number of places along a strand at which light is computed."""
 ABOVE = 0.004
 """Height above the skin at which the light on it is computed, metres."""
 
 
 @dataclass(frozen=True)
 class LightField:
-    """Share of the light from all around that reaches the nodes of a grid.
+    """Share of the surrounding light that reaches each node of a grid.
 
     Attributes:
-        grid: of the hair's density.
-        values: from 0 to 1.
+        grid: the grid of the hair's density.
+        values: the shares, from 0 to 1.
     """
 
     grid: VoxelGrid
@@ -55,13 +55,13 @@ class LightField:
     def through(
         cls, volume: HairVolume, width: float, surface: Float[Tensor, "place 3"], lost: float = LOST
     ) -> "LightField":
-        """Light that passes through hair and around the body.
+        """Compute the light that passes through hair and around the body.
 
         Args:
-            volume: of the hair.
+            volume: density of the hair.
             width: of the strands, metres.
             surface: points on head and body (`surface_samples`).
-            lost: share of the light that a fibre takes out of it: 1 makes light of lines of sight, 0 leaves hair out.
+            lost: share of the light lost at each fibre: 1 counts only free lines of sight, 0 ignores the hair.
         """
         extinction = lost * width * volume.density()
         return cls(
@@ -69,7 +69,7 @@ class LightField:
         )
 
     def at(self, places: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-        """Light at places, `AMBIENT` included; outside the grid that of the nearest node."""
+        """Light at places, `AMBIENT` included; places outside the grid take the value of the nearest node."""
         return AMBIENT + (1 - AMBIENT) * self.direct(places)
 
     def direct(self, places: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
@@ -81,22 +81,22 @@ class LightField:
 def transmitted(
     extinction: Float[Tensor, "x y z"], solid: Float[Tensor, "x y z"], spacing: float
 ) -> Float[Tensor, "x y z"]:
-    """Mean over the directions of a cube's faces, edges and corners of the light that reaches each node.
+    """Light that reaches each node, averaged over the 26 directions of a cube's faces, edges and corners.
 
-    Light is followed from node to node: what reaches a node is what reached the one before it, less what is lost on
-    the way.
+    Light is followed from node to node: what reaches a node is what reached the previous one, less the loss between
+    them.
 
     Args:
         extinction: share of the light that is lost per metre.
         solid: 1 where no light passes, else 0.
-        spacing: of the nodes, metres.
+        spacing: distance between nodes, metres.
     """
     total, weights = torch.zeros_like(extinction), 0.0
     for axis, sign in itertools.product(range(3), (1, -1)):
         turned = [values.movedim(axis, 0).contiguous() for values in (extinction, solid)]
         if sign < 0:
             turned = [values.flip(0) for values in turned]
-        # A direction is followed once: along the first of the axes on which it advances.
+        # Each direction is swept only once, along the first axis on which it advances.
         across = [(0,) if other < axis else (-1, 0, 1) for other in range(3) if other != axis]
         light, weight = _swept(turned[0], turned[1], spacing, list(itertools.product(*across)))
         total += (light.flip(0) if sign < 0 else light).movedim(0, axis)
@@ -110,16 +110,16 @@ def _swept(
     spacing: float,
     shifts: list[tuple[int, ...]],
 ) -> tuple[Float[Tensor, "x y z"], float]:
-    """Weighted sum, and sum of the weights, of the light along directions that lead from low x to high x.
+    """Weighted sum of the light along directions of increasing x, and the sum of the weights.
 
     Args:
         extinction: share of the light that is lost per metre.
         solid: 1 where no light passes, else 0.
-        spacing: of the nodes, metres.
-        shifts: by how many nodes each direction advances along y and z from one x to the next.
+        spacing: distance between nodes, metres.
+        shifts: nodes by which each direction advances along y and z per step along x.
     """
     axes = torch.tensor([1 + abs(y) + abs(z) for y, z in shifts], device=extinction.device)
-    # The solid angle of a cube's faces by the trapezoidal rule; an edge belongs to two of them, a corner to three.
+    # Solid angle of a cube's faces by the trapezoidal rule; an edge belongs to two faces, a corner to three.
     weight = axes * 0.5 ** (axes - 1) * axes**-1.5
     lengths = torch.arange(1, int(axes.max()) + 1, device=axes.device).sqrt()
     half = torch.exp(-0.5 * spacing * lengths[:, None, None, None] * extinction)
@@ -137,11 +137,11 @@ def _swept(
 
 
 def surface_samples(body: Mesh, spacing: float) -> Float[Tensor, "place 3"]:
-    """Points on a surface, no voxel of a size without one where the surface passes through it.
+    """Sample a surface so densely that every voxel it passes through gets a point.
 
     Args:
-        body: may have no faces.
-        spacing: of the voxels, metres.
+        body: the surface; may have no faces.
+        spacing: edge of the voxels, metres.
     """
     corners = body.corners()
     longest = (corners - corners.roll(1, dims=1)).norm(dim=-1).amax(dim=1)
@@ -156,7 +156,7 @@ def surface_samples(body: Mesh, spacing: float) -> Float[Tensor, "place 3"]:
 
 
 def solid_voxels(grid: VoxelGrid, surface: Float[Tensor, "place 3"]) -> Float[Tensor, "x y z"]:
-    """1 in the voxels that hold a point of a surface, else 0."""
+    """1 in voxels that contain a point of the surface, else 0."""
     solid = torch.zeros(grid.count, device=surface.device)
     index, inside = grid.index(surface)
     solid[index[inside]] = 1.0
@@ -165,11 +165,11 @@ def solid_voxels(grid: VoxelGrid, surface: Float[Tensor, "place 3"]) -> Float[Te
 
 @dataclass(frozen=True)
 class LightChange:
-    """What linear colours become.
+    """Change of linear colours between the fitted and the edited hair.
 
     Attributes:
         strands: factors at knots evenly spaced along the points of every strand.
-        skin: of the body.
+        skin: change of the body's colours.
     """
 
     strands: Float[Tensor, "strand knot 1"]
@@ -178,16 +178,16 @@ class LightChange:
 
 @dataclass(frozen=True)
 class BakedLight:
-    """Light in which appearance was fitted.
+    """The light in which an appearance was fitted.
 
     Attributes:
-        uv: places of the fitted strands on the scalp chart.
+        uv: roots of the fitted strands on the scalp chart.
         strands: light at knots evenly spaced along t.
-        skin: light at the vertices of the body.
-        skin_places: where that is.
-        near: which of them lie among the hair.
-        known: how much photographs tell of the skin there, from 0 to 1.
-        bare: linear colours of the skin in full light, spread to where they are not known.
+        skin: light just above the vertices of the body, at `skin_places`.
+        skin_places: those places, in world metres.
+        near: which of them lie inside the grid of the hair's density.
+        known: how well photographs determine the skin's colour there, from 0 to 1.
+        bare: linear colours of the skin in full light, extended to where they are not known.
         surface: points on head and body.
         width: of the strands, metres.
     """
@@ -207,17 +207,17 @@ class BakedLight:
     def of(
         cls, strands: Strands, volume: HairVolume, width: float, body: Mesh, skin: Float[Tensor, "vertex 3"]
     ) -> "BakedLight":
-        """Light that reaches strands as they were fitted, and the skin beneath.
+        """Compute the light on strands as they were fitted, and on the skin beneath.
 
         Args:
-            strands: with `root_uv`.
+            strands: the fitted strands, with `root_uv`.
             volume: their density.
             width: of the strands, metres.
             body: head and body.
-            skin: linear colours that were fitted, at its vertices.
+            skin: fitted linear colours at its vertices.
 
         Raises:
-            ValueError: strands without `root_uv`.
+            ValueError: the strands have no `root_uv`.
         """
         if strands.root_uv is None:
             raise ValueError("light needs root_uv: it says which strand appearance was learned on")
@@ -233,14 +233,14 @@ class BakedLight:
 
     @torch.no_grad()
     def changed(self, strands: Strands, volume: HairVolume) -> LightChange:
-        """How edited strands and the skin beneath are lit, compared with how they were.
+        """Compare the light on edited strands, and on the skin beneath, with the light in which they were fitted.
 
         Args:
-            strands: with `root_uv`.
+            strands: the edited strands, with `root_uv`.
             volume: their density.
 
         Raises:
-            ValueError: strands without `root_uv`.
+            ValueError: the strands have no `root_uv`.
         """
         if strands.root_uv is None:
             raise ValueError("light needs root_uv: it says which strand appearance was learned on")
@@ -249,20 +249,20 @@ class BakedLight:
         before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
         factor = field.at(_at_knots(strands.points)) / before
         now = field.at(self.skin_places)
-        # Far from the fitted hair nothing is known of its shadows.
+        # Beyond the grid of the fitted hair, its shadows are unknown.
         skin = torch.where(self.near, now / self.skin, 1.0)
         change = SkinChange(skin.clamp(max=BRIGHTEST), now[:, None] * self.bare, 1 - self.known)
         return LightChange(factor[..., None].clamp(max=BRIGHTEST), change)
 
     def _fitted_on(self, uv: Float[Tensor, "strand 2"]) -> Int64[Tensor, " strand"]:
-        """The fitted strand that grows nearest on the chart."""
+        """Index of the fitted strand whose root is nearest on the chart."""
         if uv.shape == self.uv.shape and torch.equal(uv, self.uv):
             return torch.arange(len(uv), device=uv.device)
         return torch.from_numpy(KDTree(self.uv.cpu().numpy()).query(uv.cpu().numpy())[1]).to(uv.device)
 
 
 def _at_knots(values: Float[Tensor, "strand point channel"]) -> Float[Tensor, "strand knot channel"]:
-    """Values at knots evenly spaced along the points."""
+    """Resample values at points to `KNOTS` knots, evenly spaced in the index of the point."""
     place = torch.linspace(0, values.shape[1] - 1, KNOTS, device=values.device)
     before = place.long().clamp(max=values.shape[1] - 2)
     return torch.lerp(values[:, before], values[:, before + 1], (place - before)[:, None])
@@ -271,7 +271,7 @@ def _at_knots(values: Float[Tensor, "strand point channel"]) -> Float[Tensor, "s
 def _between(
     values: Float[Tensor, "strand knot"], along: Float[Tensor, "strand place"]
 ) -> Float[Tensor, "strand place"]:
-    """Values at places along the strands, from 0 to 1, of those at knots."""
+    """Interpolate values at knots to positions along the strands, in [0, 1]."""
     place = along * (values.shape[1] - 1)
     before = place.long().clamp(0, values.shape[1] - 2)
     return torch.lerp(values.gather(1, before), values.gather(1, before + 1), place - before)

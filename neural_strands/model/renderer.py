@@ -1,4 +1,4 @@
-"""The one way from a camera to pixels: a model, the strands that it shows, and the volume that shades them."""
+"""Renders finished strands from any camera: a model, the strands that it shows, and the volume that shades them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,16 +15,16 @@ from neural_strands.model.thickness import strand_widths
 
 @dataclass(frozen=True)
 class HairRenderer:
-    """Strands decoded once, or edited, that a model renders from any number of cameras; no gradient passes.
+    """Strands, fitted or edited, that a model renders from any number of cameras, without gradients.
 
-    A fit renders strands that move at every step, with gradients: it calls `HairModel.render` itself.
+    A fit renders strands that change at every step, with gradients, through `HairModel.render`.
 
     Attributes:
-        model: renders.
+        model: the model that renders.
         strands: world metres, with `root_uv`.
         volume: density of these strands.
-        fitted: of edited hair, shows the hair on which the appearance was fitted.
-        light: of edited hair, how it is lit compared with that.
+        fitted: for edited hair, the renderer of the hair on which the appearance was fitted; else None.
+        light: for edited hair, the change of its light; else None.
 
     Examples:
         >>> import neural_strands as ns
@@ -43,14 +43,14 @@ class HairRenderer:
     @classmethod
     @torch.no_grad()
     def of(cls, model: HairModel, strands: Strands | None = None) -> "HairRenderer":
-        """Show a model's own strands, or those on which its appearance was fitted.
+        """Build a renderer of a model's own strands, or of other strands on which its appearance was fitted.
 
         Args:
-            model: renders.
+            model: the model that renders.
             strands: world metres, with `root_uv`; by default those that the model decodes.
 
         Raises:
-            ValueError: strands without `root_uv`.
+            ValueError: the strands have no `root_uv`.
         """
         strands = model.decode() if strands is None else strands
         if strands.root_uv is None:
@@ -59,10 +59,13 @@ class HairRenderer:
 
     @torch.no_grad()
     def showing(self, strands: Strands) -> "HairRenderer":
-        """The same model with edited strands, in the light that reaches them.
+        """Return a renderer of edited strands, relit for the light that reaches them now.
+
+        Args:
+            strands: world metres, with `root_uv`.
 
         Raises:
-            ValueError: strands without `root_uv`.
+            ValueError: the strands have no `root_uv`.
         """
         fitted = self.fitted or self
         if strands.points is fitted.strands.points:
@@ -75,17 +78,17 @@ class HairRenderer:
 
     @torch.no_grad()
     def prepare_edits(self) -> None:
-        """Work out what the first of all edits would have to wait for: the light of the hair as it was fitted."""
+        """Compute the light on the fitted hair now, so that the first edit need not wait for it."""
         _ = (self.fitted or self)._baked
 
     @torch.no_grad()
     def render(self, camera: Camera) -> RenderOutput:
-        """One view, of any size."""
+        """Render one view, of any size."""
         return self.model.render(self.strands, camera, volume=self.volume, light=self.light)
 
     @cached_property
     def _baked(self) -> BakedLight:
-        """The light that reaches these strands."""
+        """The light that reaches these strands, computed once."""
         width = float(strand_widths(self.model, self.strands).mean())
         body = self.model.body
         return BakedLight.of(self.strands, self.volume, width, body.mesh, body.vertex_colours())

@@ -29,7 +29,7 @@ class ScalpTextureConfig:
 
 
 class ScalpTextures(nn.Module):
-    """Z_g and Z_a; both start at zero, which is the mean strand of the prior and a colour shared by all strands."""
+    """Z_g and Z_a; both start at zero, which decodes to the prior's mean strand and to one colour for all strands."""
 
     def __init__(self, config: ScalpTextureConfig) -> None:
         super().__init__()
@@ -42,9 +42,9 @@ class ScalpTextures(nn.Module):
         self.knots = config.appearance_knots
 
     def sample_shape(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root latent"]:
-        """Shape latents z_g of roots; `blur` (texels) spreads their gradient over neighbouring texels."""
+        """Shape latents z_g at roots; `blur` (texels) spreads their gradient over neighbouring texels."""
         return sample_texture(self.shape, uv, blur)
 
     def sample_appearance(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root knot feature"]:
-        """Appearance features z_a of roots; `blur` (texels) spreads their gradient over neighbouring texels."""
+        """Appearance features z_a at roots; `blur` (texels) spreads their gradient over neighbouring texels."""
         return sample_texture(self.appearance, uv, blur).unflatten(1, (self.knots, -1))

@@ -1,9 +1,9 @@
-"""Where a model was seen from, and how it is looked at from elsewhere.
+"""Directions from which a model was photographed, and rendering from elsewhere.
 
-Shading and image generator know the directions of the photographs alone; what they make of others is arbitrary (black,
-purple, holes). So a camera that looks from where no photograph was taken sees the hair as if the head were turned
-towards the cameras that took some: every direction that the networks see is turned, about the vertical first, so that
-up stays up. Near the photographs nothing is turned.
+Shading and image generator have learned only the directions of the photographs; for others they return arbitrary
+colours (black, purple, holes). A camera that looks from where no photograph was taken therefore sees the hair as if the
+head were turned towards the cameras that took some. Every direction that the networks see is rotated, first about the
+vertical, so that up stays up. Near the photographs nothing is rotated.
 """
 
 import math
@@ -14,13 +14,13 @@ from torch import Tensor
 from torch.nn import functional as F
 
 LEAST_SLACK = math.radians(30)
-"""Angle to the nearest photograph up to which nothing is turned, at least."""
+"""Least value of the angle to the nearest photograph up to which nothing is rotated."""
 SPACINGS = 1.5
-"""The same, in angles between neighbouring photographs: between them the networks interpolate."""
+"""The same angle, as a multiple of the widest gap between neighbouring photographs: networks interpolate within it."""
 SHARPNESS = 3.0
-"""How strongly the nearer photographs attract, per unit of the cosine."""
+"""How much more strongly nearer photographs attract, per unit of the cosine (a softmax's inverse temperature)."""
 LEVEL = 1e-3
-"""Horizontal part of a unit direction below which it has no azimuth."""
+"""A unit direction whose horizontal part is shorter than this has no azimuth."""
 
 
 def seen_from(positions: Float[Tensor, "view 3"], centre: Float[Tensor, "3"]) -> Float[Tensor, "view 3"]:
@@ -29,14 +29,14 @@ def seen_from(positions: Float[Tensor, "view 3"], centre: Float[Tensor, "3"]) ->
 
 
 def turn_to_seen(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> Float[Tensor, "3 3"] | None:
-    """The rotation of directions after which a camera looks from where photographs were taken.
+    """Compute the rotation that turns a camera's directions towards those that were photographed.
 
     Args:
-        place: of the camera, from the hair's centre; any length.
+        place: position of the camera relative to the hair's centre; any length.
         seen: unit directions to the cameras of the photographs.
 
     Returns:
-        None where photographs are near enough, or there are none.
+        A rotation matrix, or None if a photograph is near enough or there are none.
     """
     if len(seen) == 0 or float(place.norm()) == 0:
         return None
@@ -56,7 +56,7 @@ def turn_to_seen(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> Fl
 
 
 def _slack(seen: Float[Tensor, "view 3"]) -> float:
-    """Angle up to which a direction counts as seen: the widest gap between neighbours, and some more."""
+    """Angle up to which a direction counts as seen: `SPACINGS` times the widest gap between neighbours."""
     if len(seen) < 2:
         return LEAST_SLACK
     cosine = (seen @ seen.T).fill_diagonal_(-1.0)
@@ -64,7 +64,7 @@ def _slack(seen: Float[Tensor, "view 3"]) -> float:
 
 
 def _azimuth(goal: Float[Tensor, "3"], start: Float[Tensor, "3"]) -> float:
-    """Angle about the y axis from one direction to the other, in (-pi, pi]; 0 if one has no azimuth."""
+    """Angle about the y axis from `start` to `goal`, in [-pi, pi]; 0 if either has no azimuth."""
     if min(float(goal[::2].norm()), float(start[::2].norm())) < LEVEL:
         return 0.0
     angle = math.atan2(float(goal[0]), float(goal[2])) - math.atan2(float(start[0]), float(start[2]))

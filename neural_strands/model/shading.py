@@ -6,8 +6,8 @@ other. The paper leaves all of it to the generator.
 
 The light that reaches a point is specific to the point: z_a. How a fibre scatters it is one function for all fibres, of
 the angles between fibre, eye and lights (Marschner et al., "Light Scattering from Human Hair Fibers", 2003) and of the
-hair around it (`model.hair_volume`), so that a strand seen from one side tells how another looks from elsewhere. A
-function that also saw z_a would memorise each strand's training views.
+hair around it (`model.hair_volume`), so that what is learned from one strand applies to others. A function that also
+saw z_a would memorise each strand's training views.
 """
 
 import math
@@ -23,10 +23,10 @@ from neural_strands.foundation.configs import Between
 from neural_strands.model import hair_volume
 
 CPU_BATCH = 4096
-"""Points that the CPU shades together, so that the activations stay in its cache."""
+"""Points per batch on the CPU, small enough for the activations to stay in its cache."""
 
 LOBE = 0.25
-"""Width of the highlight among the network's inputs, in the sum of the sines of both inclinations."""
+"""Width of the highlight among the network's inputs, in units of the sum of both inclinations' sines."""
 
 ANGLES = 4
 """Number of inputs that describe a fibre relative to one light and the eye."""
@@ -37,7 +37,7 @@ class ShadingConfig:
     """Size of the point shader."""
 
     hidden: Annotated[int, Between(0, 1024)] = 64
-    """Width of its hidden layers; 0 for a linear decode."""
+    """Width of the hidden layers."""
     layers: Annotated[int, Between(0, 32)] = 2
     """Hidden layers."""
     lights: Annotated[int, Between(0, 64)] = 6
@@ -76,7 +76,7 @@ class PointShading(nn.Module):
 
         Args:
             descriptor: [z_a, d, t].
-            view: unit direction in which a point is seen.
+            view: unit direction from the eye to the point.
             around: the hair around it, from `HairVolume.at`.
         """
         if not len(self.inner):
@@ -103,7 +103,7 @@ class PointShading(nn.Module):
         decode = torch.cat([self.mean[:, None], self.decode], dim=1).flatten()
         response = F.linear(hidden, self.outer, decode).unflatten(1, (3, 1 + own.shape[1]))
         if own.device.type != "cpu":
-            # A matrix product of its own for every point is what libraries for GPUs are worst at.
+            # GPU libraries are slow at a separate small matrix product per point.
             return response[:, :, 0] + (response[:, :, 1:] * own[:, None]).sum(dim=2)
         return torch.baddbmm(response[:, :, :1], response[:, :, 1:], own[:, :, None]).squeeze(2)
 
@@ -119,9 +119,9 @@ def fibre_angles(
         lights: unit directions to the lights.
 
     Returns:
-        Minus the sine of the eye's inclination to the fibre's normal plane and the square of its cosine; then, each for
-        all lights, the sine of the light's inclination, the sum of both sines (0 where the fibre reflects light to the
-        eye like a mirror), the highlight around that, and the cosine of the azimuth between light and eye.
+        Minus the sine of the eye's inclination to the fibre's normal plane, and the square of its cosine. Then, for all
+        lights at a time: the sine of the light's inclination, the sum of both sines (0 for mirror reflection), the
+        highlight around 0, and the cosine of the azimuth between light and eye.
     """
     along = (fibre * view).sum(dim=1, keepdim=True)
     across = 1 - along.square()

@@ -17,9 +17,9 @@ VIEWS = 6
 HEIGHTS = (0.1, 0.8)
 """Heights of these cameras above the hair's centre, radians."""
 SIZE = (384, 384)
-"""Their pictures' size, pixels."""
+"""Size of their pictures, pixels."""
 FARTHEST = 1.0
-"""Distance up to which a strand that no view sees takes the colour of its nearest neighbour at the root, metres."""
+"""Distance between roots, metres, up to which a strand that no view sees takes its nearest neighbour's colour."""
 
 
 def cameras_around(renderer: HairRenderer) -> list[Camera]:
@@ -32,7 +32,7 @@ def cameras_around(renderer: HairRenderer) -> list[Camera]:
 def strand_colours(renderer: HairRenderer, cameras: Sequence[Camera]) -> Float[Tensor, "strand 3"]:
     """Linear RGB of each strand: the median, over the views that see it, of the mean of its rendered pixels.
 
-    A strand that no view sees takes the colour of the nearest one that is seen.
+    A strand that no view sees takes the colour of the nearest seen one; mid grey if there is none.
     """
     strands, model = renderer.strands, renderer.model
     views = [_view_colours(renderer, camera) for camera in cameras]

@@ -1,4 +1,4 @@
-"""Thickness of strands, as a model draws them."""
+"""Thickness of strands as a model draws them."""
 
 import torch
 from jaxtyping import Float
@@ -13,7 +13,7 @@ HAIR_WIDTH = 7e-5
 
 @torch.no_grad()
 def strand_widths(model: HairModel, strands: Strands) -> Float[Tensor, "strand point"]:
-    """Thickness of every point, metres, as the model draws strands, so that a groom covers the same pixels."""
+    """Thickness of every point, metres; an exported groom then covers the same pixels as the model's own strands."""
     along = strands.parameters()
     tip = torch.ones_like(along) if model.lines.tip <= 0 else ((1 - along) / model.lines.tip).clamp(max=1.0)
     return model.lines.width * tip if model.lines.width > 0 else torch.full_like(along, HAIR_WIDTH)

@@ -1,11 +1,12 @@
-"""The image generator: splatted descriptors at several resolutions in, hair colour and opacity out.
+"""The image generator: maps splatted descriptors at several resolutions to hair colour and opacity.
 
 Paper, section 4.3, "Image Generation". Design decisions:
 
 - The descriptor map of each level joins the encoder at that level, so holes at full resolution are filled from below.
-- Alias-free (the default): resampling by designed low-pass filters, activations filtered at twice the resolution.
-  Plain: strided convolutions, nearest-neighbour upsampling and pointwise activations, kept for the ablation.
-- No normalisation layer: a crop renders like the same pixels of the whole image, and a shift stays a shift.
+- Alias-free (the default): resampling by designed low-pass filters, activations filtered at twice the resolution. Plain
+  (for the ablation): strided convolutions, nearest-neighbour upsampling and pointwise activations.
+- No normalisation layer: a crop renders like the same pixels of the whole image, and shifted input gives shifted
+  output.
 - The output is a correction: colour starts from the shaded points and opacity from their coverage.
 """
 
@@ -68,7 +69,7 @@ class Activated(nn.Module):
 
 
 class UNet(nn.Module):
-    """Descriptor pyramid to corrections of the colour and of the opacity (before its sigmoid) of the hair."""
+    """Maps a descriptor pyramid to corrections of the hair's colour and of its opacity logit."""
 
     kernel: Tensor
 
@@ -91,7 +92,7 @@ class UNet(nn.Module):
         self.bias = nn.Parameter(torch.zeros(4))
 
     def forward(self, pyramid: Sequence[Float[Tensor, "batch channel _ _"]]) -> Float[Tensor, "batch 4 height width"]:
-        """Corrections of colour and opacity logit of every pixel of the finest map, of any size.
+        """Corrections of colour and opacity logit for every pixel of the finest map, which may have any size.
 
         Args:
             pyramid: descriptor maps, finest first, each side half of the previous one, rounded up.
@@ -119,7 +120,11 @@ class UNet(nn.Module):
         return upsample(images, self.kernel) if self.config.alias_free else F.interpolate(images, scale_factor=2.0)
 
     def _padded(self, pyramid: Sequence[Tensor]) -> list[Tensor]:
-        """Zeros at the right and the bottom, so that every level is exactly half of the previous one."""
+        """Pad with zeros at the right and the bottom, so that each level is exactly half the previous one.
+
+        Raises:
+            ValueError: the number of maps or their sizes do not fit the network.
+        """
         stride, levels = self.config.stride, self.config.levels
         if len(pyramid) != levels:
             raise ValueError(f"this UNet reads {levels} descriptor maps, got {len(pyramid)}")

@@ -1,1 +1,1 @@
-"""Differentiable image operators: lines, triangles, splat, texture, resample."""
+"""Image operators: rasterised lines and triangles, splatting, texture sampling, resampling."""

@@ -18,7 +18,7 @@ from neural_strands.foundation.configs import Between
 
 @dataclass(frozen=True)
 class LowPass:
-    """A symmetric low-pass filter that runs on the finer of two grids, `factor` times as dense as the coarser."""
+    """A symmetric low-pass filter that runs on a fine grid, `factor` times as dense as the coarse one."""
 
     taps: Annotated[int, Between(2, 256)] = 12
     """Number of coefficients; even, because the samples of the two grids are half a fine sample apart."""

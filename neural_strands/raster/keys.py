@@ -13,7 +13,7 @@ NO_PRIMITIVE = 0xFFFFFFFF
 
 
 def background_keys(depth: Float[Tensor, "height width"]) -> Int64[Tensor, "height width"]:
-    """Keys that only primitives nearer than `depth` replace (metres, at least 0; infinite where there is nothing)."""
+    """Keys that only primitives nearer than `depth` replace."""
     return (depth.float().contiguous().view(torch.int32).long() << 32) | NO_PRIMITIVE
 
 

@@ -37,7 +37,8 @@ class LineConfig:
     near: Annotated[float, Between(1e-9, 1e6)] = 0.01
     """Distance of the near plane from the camera, metres."""
     occluder_bias: Annotated[float, Between(0, 1)] = 0.002
-    """How far behind an occluder's surface hair still shows, metres, so that hair on the skin does not flicker."""
+    """Depth behind an occluder's surface up to which hair is still drawn, metres, so that hair on the skin does not
+    flicker."""
     width: Annotated[float, Between(0, 1)] = 0.0
     """Width of strands, metres; 0 draws them one pixel wide at any distance."""
     tip: Annotated[float, Between(0, 1)] = 0.0
@@ -49,12 +50,12 @@ DEFAULT_LINES = LineConfig()
 
 @dataclass(frozen=True)
 class LineBuffer:
-    """What each pixel sees of the strands.
+    """The nearest strand segment at each pixel.
 
     Attributes:
-        segment: global segment index, strand * (points - 1) + k for the segment from point k to k + 1; -1 for none.
-        position: where on that segment, from 0 at point k to 1 at point k + 1, perspective-correct; 0 where none.
-        depth: metres along the optical axis; infinite where none.
+        segment: global segment index, strand * (points - 1) + k for the segment from point k to k + 1; -1 if none.
+        position: position on that segment, from 0 at point k to 1 at point k + 1, perspective-correct; 0 if none.
+        depth: metres along the optical axis; infinite if none.
     """
 
     segment: Int64[Tensor, "height width"]
@@ -69,7 +70,7 @@ def rasterise_lines(
     config: LineConfig = DEFAULT_LINES,
     t: Float[Tensor, "strand point"] | None = None,
 ) -> LineBuffer:
-    """Find the nearest strand point of each pixel; the same result on every run.
+    """Find the nearest strand point at each pixel; the result is deterministic.
 
     There is no gradient; `visible.visible_points` turns the buffer into points that have one.
 
@@ -78,7 +79,7 @@ def rasterise_lines(
         camera: the view; its size is the buffer's.
         occluder_depth: depth of the head and body along the optical axis, metres, infinite where there is none.
         config: near plane, bias and width.
-        t: parameter of every point (`Strands.t`), which strands thin by; None: evenly spaced from 0 to 1.
+        t: parameter of every point (`Strands.t`), which determines the taper; None: evenly spaced from 0 to 1.
 
     Raises:
         ValueError: strands have a single point, or the occluder and the camera differ in size.
@@ -112,14 +113,14 @@ def rasterise_lines(
 
 
 def projection_matrix(camera: Camera, device: torch.device) -> Float32[Tensor, "4 4"]:
-    """World metres to pixel x * depth, pixel y * depth, depth and 1."""
+    """Matrix from homogeneous world metres to (pixel x * depth, pixel y * depth, depth, 1)."""
     matrix = camera.world_to_camera.detach().float().clone()
     matrix[:3] = camera.intrinsics.detach().float() @ matrix[:3]
     return matrix.to(device)
 
 
 def _planes(strands: int, device: torch.device) -> int:
-    """Number of threads that draw, each into its own keys."""
+    """Number of threads that draw, each into its own plane of keys."""
     return max(min(torch.get_num_threads(), strands), 1) if device.type == "cpu" else 1
 
 

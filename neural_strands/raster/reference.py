@@ -1,4 +1,4 @@
-"""Plain torch twins of the kernels: slow and short; the kernels are tested against them."""
+"""Plain torch versions of the kernels, short and slow, against which tests check the kernels."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -29,7 +29,7 @@ def splat_reference(
         size: height and width of this level.
         scale: pixels of this level per pixel of the full image.
         minimum_weight: smallest divisor of the weighted mean.
-        amounts: how much each point counts, by default 1.
+        amounts: weight of each point, by default 1.
     """
     height, width = size
     amounts = torch.ones_like(pixels[:, 0]) if amounts is None else amounts

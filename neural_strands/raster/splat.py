@@ -50,7 +50,7 @@ def splat(
         features: what each point carries.
         size: height and width of the image.
         minimum_weight: least divisor of the weighted mean.
-        amounts: how much each point counts, by default 1; constants.
+        amounts: weight of each point, by default 1; receives no gradient.
     """
     return splat_pyramid(pixels, features, size, 1, minimum_weight, amounts)[0]
 
@@ -82,7 +82,7 @@ def splat_pyramid(
 
 
 class _Splat(torch.autograd.Function):
-    """The splat by kernels: flat means and weights of all levels, one after the other."""
+    """The splat by kernels; returns the flattened means and weights of each level in turn."""
 
     @staticmethod
     def forward(
@@ -144,7 +144,7 @@ def _accumulate(
     sizes: list[tuple[int, int]],
     planes: list[tuple[Tensor, Tensor]],
 ) -> None:
-    """Sum weighted features and weights; on the CPU each thread has a band of rows and visits all points."""
+    """Sum weighted features and weights; on the CPU each thread visits all points for its own band of rows."""
     kernel, device = splat_kernels.accumulate, features.device
     kernels.load(kernel, device)
     on_gpu = device.type == "cuda"
@@ -164,13 +164,13 @@ def _accumulate(
 
 
 def _whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item padded"]:
-    """Pad with channels of zeros up to a multiple of four."""
+    """Pad with channels of zeros up to a multiple of `QUAD`."""
     missing = -features.shape[1] % QUAD
     return torch.nn.functional.pad(features, (0, missing)) if missing else features
 
 
 def _quads(features: Float[Tensor, "item padded"]) -> Any:
-    """View channels as vectors of four."""
+    """View channels as vectors of `QUAD`."""
     return kernels.array(features.contiguous().view(len(features), features.shape[1] // QUAD, QUAD), wp.vec4)
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 NEGLIGIBLE = 1e-6
-"""Frequencies that the blur attenuates below this are left out."""
+"""Frequencies that the blur attenuates to less than this are left out."""
 
 
 def sample_texture(
@@ -49,12 +49,12 @@ def sample_bilinear(
 def blur_gradient(
     texture: Float[Tensor, "height width channel"], sigma: float
 ) -> Float[Tensor, "height width channel"]:
-    """Return the texture itself; its gradient is blurred by a Gaussian of `sigma` texels on the way back."""
+    """Return the texture unchanged; its gradient is blurred by a Gaussian of `sigma` texels in the backward pass."""
     return _BlurGradient.apply(texture, sigma)
 
 
 def gaussian_blur(image: Float[Tensor, "height width channel"], sigma: float) -> Float[Tensor, "height width channel"]:
-    """Blur by a Gaussian of `sigma` texels, mirrored at the border; sums are kept."""
+    """Blur by a Gaussian of `sigma` texels, mirrored at the border; the sum of all texels is preserved."""
     height, width, _ = image.shape
     for axis, count in ((0, height), (1, width)):
         for factor in _blur_factors(count, sigma, image.dtype, image.device):
@@ -80,14 +80,14 @@ def _blur_factors(count: int, sigma: float, dtype: torch.dtype, device: torch.de
     """Matrices whose product blurs a signal of `count` samples.
 
     The blur is the discrete Gaussian (Lindeberg 1990): taps exp(-sigma^2) I_n(sigma^2), positive and of variance
-    sigma^2 at every width. With mirrored ends its eigenvectors are cosines (DCT-II), its eigenvalues
-    exp(sigma^2 (cos omega - 1)): a wide blur keeps few of them, so it is two thin products; a narrow one is a
-    single square matrix.
+    sigma^2 at every width. With mirrored ends its eigenvectors are cosines (DCT-II), with eigenvalues exp(sigma^2 (cos
+    omega - 1)). A wide blur keeps few of these, so it is a product of two thin matrices; a narrow one is a single
+    square matrix.
     """
     frequency = math.pi * torch.arange(count, dtype=torch.float64) / count
     gain = torch.exp(sigma**2 * (torch.cos(frequency) - 1))
     kept = int((gain > NEGLIGIBLE).sum())
-    # Coarse to fine changes sigma at every step, so the matrices are not cached.
+    # The fit's coarse-to-fine schedule changes sigma at every step, so caching the matrices would not help.
     frequency, gain = frequency[:kept].to(device), gain[:kept].to(device)
     phase = frequency[:, None] * (torch.arange(count, dtype=torch.float64, device=device) + 0.5)
     cosines = torch.cos(phase) * math.sqrt(2.0 / count)

@@ -19,14 +19,14 @@ from neural_strands.raster.keys import empty_keys
 from neural_strands.raster.lines import projection_matrix
 
 STRIPES = 16
-"""Number of CUDA threads that share the rows of one face; one on the CPU."""
+"""Number of CUDA threads that share the rows of one face; the CPU uses one."""
 NEAR = 0.01
 """Default distance of the near plane from the camera, metres."""
 
 
 @dataclass(frozen=True)
 class TriangleBuffer:
-    """The mesh as each pixel sees it.
+    """The nearest face at each pixel.
 
     Attributes:
         face: index of the nearest face, -1 where none.
@@ -42,7 +42,7 @@ class TriangleBuffer:
 def rasterise_triangles(
     vertices: Float[Tensor, "vertex 3"], faces: Int64[Tensor, "face 3"], camera: Camera, near: float = NEAR
 ) -> TriangleBuffer:
-    """Find the nearest face of each pixel, without gradient. Faces with a vertex that is not finite are not drawn.
+    """Find the nearest face at each pixel, without gradient. Faces with a vertex that is not finite are not drawn.
 
     Args:
         vertices: world metres; there may be none.
@@ -63,7 +63,7 @@ def rasterise_triangles(
     on_gpu = device.type == "cuda"
     bands, stripes = (1, STRIPES) if on_gpu else (torch.get_num_threads(), 1)
     bounds = [height * band // bands for band in range(bands + 1)]
-    # Each CPU thread has a band of rows and visits all faces.
+    # Each CPU thread visits all faces for its own band of rows.
     kernels.run_together(
         [
             functools.partial(

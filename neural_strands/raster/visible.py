@@ -1,7 +1,7 @@
 """The visible points of the strands: from a line buffer to 3D points that carry a gradient.
 
-A visible point is a fixed blend of the two ends of its segment (the position along the segment is a constant of the
-frame), so its gradient goes to those two ends and to nothing that is hidden.
+A visible point is a blend of the two ends of its segment with constant weights (its position on the segment is not
+differentiated), so its gradient goes to those two ends and to nothing hidden.
 """
 
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ class VisiblePoints:
     Attributes:
         pixel: index row * width + column of the pixel that sees the point.
         segment: global segment index.
-        strand: which strand.
-        vertex: which point of the strand the segment starts at.
-        position: where on the segment, in [0, 1].
-        t: where on the strand as it was fitted, 0 at the root and 1 at the tip.
-        weight: how many line pixels see the point.
-        world: world metres; its gradient goes to both ends of the segment.
+        strand: index of the strand.
+        vertex: index, within the strand, of the point at which the segment starts.
+        position: position on the segment, in [0, 1].
+        t: parameter on the strand as it was fitted, 0 at the root and 1 at the tip.
+        weight: number of line pixels that see the point.
+        world: position in world metres; its gradient goes to both ends of the segment.
     """
 
     pixel: Int64[Tensor, " visible"]
@@ -49,16 +49,17 @@ def visible_points(
     factor: int = 1,
     t: Float[Tensor, "strand point"] | None = None,
 ) -> VisiblePoints:
-    """Lift what pixels see of the strands that the buffer was drawn from to points on them.
+    """Turn a line buffer into points on the strands from which it was drawn.
 
     Args:
-        buffer: line pixels, `factor` to an image pixel along each axis.
+        buffer: line pixels, `factor` per image pixel along each axis.
         points: the strands, world metres.
-        factor: line pixels of one image pixel that see the same part of a strand become one point, in their middle.
-        t: parameter of every point (`Strands.t`), blended at a visible point between both ends; None: evenly spaced.
+        factor: line pixels per image pixel; those of one image pixel that see the same part of a strand become one
+            point, at their mean position.
+        t: parameter of every point (`Strands.t`), interpolated at visible points; None: evenly spaced.
 
     Raises:
-        ValueError: a buffer whose sides are no multiples of the factor.
+        ValueError: the buffer's sides are not multiples of the factor.
     """
     per_strand = points.shape[1]
     pixel, segment, position, weight = _parts(buffer, per_strand - 1, factor)
@@ -75,7 +76,7 @@ def visible_points(
 def interpolate_knots(
     values: Float[Tensor, "strand knot channel"], visible: VisiblePoints
 ) -> Float[Tensor, "visible channel"]:
-    """Blend values given at evenly spaced knots from root to tip at the t of the visible points."""
+    """Interpolate values given at evenly spaced knots from root to tip, at the t of the visible points."""
     knots, flat = values.shape[1], values.flatten(0, 1)
     if knots == 1:
         return flat.index_select(0, visible.strand)
@@ -92,7 +93,7 @@ def visible_directions(points: Float[Tensor, "strand point 3"], visible: Visible
     Equals a blend of `strands.directions(points)` without computing the directions of hidden points.
     """
     per_strand = points.shape[1]
-    # The direction at the last point repeats that of the last segment.
+    # The last point has the direction of the last segment.
     following = torch.clamp(visible.vertex + 1, max=per_strand - 2)
     starts = visible.strand * per_strand
     index = torch.cat(
@@ -120,7 +121,7 @@ def _parts(
 ) -> tuple[
     Int64[Tensor, " visible"], Int64[Tensor, " visible"], Float32[Tensor, " visible"], Float32[Tensor, " visible"]
 ]:
-    """Parts of strands that image pixels see: pixel, segment, position on it, number of line pixels."""
+    """Parts of strands that image pixels see: pixel, segment, position on the segment, number of line pixels."""
     if factor == 1:
         pixel = torch.nonzero(buffer.segment.view(-1) >= 0).squeeze(1)
         segment, position = (plane.view(-1).index_select(0, pixel) for plane in (buffer.segment, buffer.position))

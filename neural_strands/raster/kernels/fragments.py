@@ -1,8 +1,9 @@
-"""Warp kernels that gather what an image pixel sees of each strand (see `visible.visible_points`).
+"""Warp kernels that gather the parts of strands that each image pixel sees (see `visible.visible_points`).
 
-A part of a strand is a run of a few segments, found by the first and the last of them.
+A part of a strand is a run of a few segments, given by its first and last segment.
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
@@ -13,7 +14,7 @@ from typing import no_type_check
 import warp as wp
 
 RUN = wp.constant(2)
-"""Segments of a part; more would merge two passes of a curl through one pixel."""
+"""Segments per part; longer parts would merge two passes of a curl through one pixel."""
 
 
 @wp.func
@@ -28,8 +29,8 @@ def part_of(segment: int, per_strand: int) -> wp.vec2i:
 @wp.func
 @no_type_check
 def is_first(segment: wp.array2d[wp.int64], top: int, left: int, k: int, factor: int, part: wp.vec2i) -> bool:
-    """Whether no line pixel of an image pixel before its k-th sees this part."""
-    # The nearest pixels are the most likely to see the same part.
+    """Whether none of an image pixel's line pixels before the k-th sees this part."""
+    # Search backwards: the nearest pixels are the most likely to see the same part.
     row = k // factor
     column = k - row * factor - 1
     while row >= 0:

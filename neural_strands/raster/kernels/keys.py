@@ -1,6 +1,7 @@
 """Depth keys (see `keys`) as Warp kernels write and read them: depth bits above, index bits below.
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
@@ -41,7 +42,7 @@ def key_depth(key: wp.int64) -> float:
 @wp.kernel(enable_backward=False)
 @no_type_check
 def start_keys(occluder: wp.array[float], bias: float, keys: wp.array[wp.int64]) -> None:
-    """Give one pixel the key that only nearer primitives than the occluder replace; an empty occluder hides nothing."""
+    """Initialise one pixel's key to the depth of the occluder plus its bias; an empty occluder hides nothing."""
     pixel = wp.tid()
     depth = wp.float32(wp.inf)
     if occluder.shape[0] > 0:

@@ -1,10 +1,11 @@
-"""The line rasteriser's kernel for lines one pixel wide on the CPU: what `line_kernels.draw_lines` draws, bit for bit.
+"""The line rasteriser's CPU kernel for lines one pixel wide; it draws exactly what `lines.draw_lines` draws.
 
 A segment is about a pixel long, so branches on its direction and on its number of pixels are mispredicted half of the
-time. Here the segments of a batch go through each step together, without branches, in loops that the compiler turns
-into vector instructions. Only the keys are lowered one by one.
+time. Here all segments of a batch take each step together, without branches, in loops that the compiler vectorises.
+Only the keys are updated one by one.
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
@@ -21,7 +22,7 @@ BATCH = wp.constant(64)
 ENDS = wp.constant(65)
 """Points per batch."""
 NOT_DRAWN = wp.constant(0x7FFFFFFF)
-"""Depth bits above those of any depth; a key with these lowers no other."""
+"""Depth bits greater than those of any depth; a key with these replaces no other."""
 
 
 @wp.kernel(enable_backward=False)
@@ -38,17 +39,17 @@ def draw_strands(
 ) -> None:
     """Draw one strand. The image has at least one pixel.
 
-    The loops are written out here, not in functions, and array elements are named before a choice between them.
-    Otherwise the compiler chooses between addresses and gathers, or emits no vector instructions at all, and is three
-    times as slow.
+    The loops are written out here rather than in functions, and array elements are assigned to variables before a
+    choice between them. Otherwise the compiler selects addresses and emits gathers, or no vector instructions at all,
+    and the code is three times as slow.
     """
     strand = first + wp.tid()
     projection = projections[0]
-    # World x, y, z of points, then pixel x, pixel y and inverse depth.
+    # Per point: first world x, y, z, later pixel x, pixel y and inverse depth.
     x = wp.zeros(shape=(ENDS,), dtype=float)
     y = wp.zeros(shape=(ENDS,), dtype=float)
     z = wp.zeros(shape=(ENDS,), dtype=float)
-    # Of segments: their first pixel, its depth's bits, whether there are more pixels.
+    # Per segment: its first pixel, the bits of its depth there, and whether there are more pixels.
     pixels = wp.zeros(shape=(BATCH,), dtype=int)
     depths = wp.zeros(shape=(BATCH,), dtype=int)
     longer = wp.zeros(shape=(BATCH,), dtype=int)

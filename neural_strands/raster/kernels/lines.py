@@ -1,6 +1,7 @@
 """Warp kernels of the line rasteriser (see `lines` for the rule they follow).
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
@@ -41,7 +42,7 @@ def depth_at(fraction: float, inverse_a: float, inverse_b: float) -> float:
 @wp.func
 @no_type_check
 def draw_pixel(column: int, row: int, depth: float, index: int, width: int, keys: wp.array[wp.int64]) -> None:
-    """Lower one pixel's key."""
+    """Update one pixel's key, which keeps the nearest primitive."""
     wp.atomic_min(keys, row * width + column, make_key(depth, index))
 
 
@@ -94,8 +95,8 @@ def draw_wide_segment(
         half_a: half the width at `a`, pixels.
         half_b: half the width at `b`, pixels.
         index: global segment index.
-        width: of the image, pixels.
-        height: of the image, pixels.
+        width: width of the image, pixels.
+        height: height of the image, pixels.
         keys: of all pixels.
     """
     dx = b[0] - a[0]
@@ -104,7 +105,7 @@ def draw_wide_segment(
         if wp.abs(dx) < LONGEST:
             low = wp.max(wp.min(a[0], b[0]), 0.0)
             high = wp.min(wp.max(a[0], b[0]), float(width))
-            # A line is wider along a column than across itself.
+            # Along a column, an inclined line is wider than perpendicular to itself.
             stretch = wp.sqrt(1.0 + dy * dy / (dx * dx))
             for column in range(int(wp.ceil(low - 0.5)), int(wp.ceil(high - 0.5))):
                 fraction = (float(column) + 0.5 - a[0]) / dx
@@ -239,7 +240,7 @@ def draw_lines(
             radius * tapered(tip, parameter_at(parameters, strand, k, points_per_strand)),
             radius * tapered(tip, parameter_at(parameters, strand, k + 1, points_per_strand)),
         )
-        # No width left is nothing to draw; no width asked for is a line one pixel wide.
+        # A strand whose width has tapered to zero is not drawn; a configured width of zero means one pixel.
         if radius <= 0.0 or radii[0] > 0.0 or radii[1] > 0.0:
             draw_in_front(a, b, a_screen, b_screen, near, radii, index, wp.vec2i(width, height), keys)
         a = b

@@ -2,7 +2,8 @@
 
 Channels are grouped in fours, one vector instruction each: five times as fast on the CPU as channel by channel.
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false

@@ -1,6 +1,7 @@
 """Warp kernels of the triangle rasteriser (see `triangles` for the rule they follow).
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
@@ -13,7 +14,7 @@ import warp as wp
 from neural_strands.raster.kernels.keys import key_depth, key_index, make_key
 
 TOLERANCE = wp.constant(1.0e-6)
-"""How far outside a triangle (barycentric) a pixel still counts, so that rounding leaves no cracks."""
+"""Barycentric distance outside a triangle up to which a pixel still counts, so that rounding leaves no cracks."""
 
 
 @wp.func
