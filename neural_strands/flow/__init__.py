@@ -1,1 +1,1 @@
-"""The flow of the hair: a volume of growth directions, and first strands traced through it from the scalp."""
+"""The flow of the hair: a volume of growth directions, and initial strands traced through it from the scalp."""

@@ -1,9 +1,9 @@
 """Directions that conserve hair: the flow into every voxel equals the flow out of it.
 
-Streamlines of directions that are merely smooth crowd near the scalp and leave the outer half of the hair empty. Real
-hair cannot do that: strands leave the scalp, and each takes up room until its tip. So the hair is modelled as a steady
-flow without divergence: in through the scalp, out where it leaves the volume lengthways, and along the hull elsewhere.
-Its speed, which is the density of the hair, is free; its directions stay as close as possible to the given ones.
+Streamlines of merely smooth directions crowd near the scalp and leave the outer half of the hair empty. Real hair
+cannot do that: strands leave the scalp, and each takes up space until its tip. So the hair is modelled as a steady flow
+without divergence: in through the scalp, out where it leaves the volume lengthways, and along the hull elsewhere. Its
+speed, which is the density of the hair, is free; its directions stay as close as possible to the given ones.
 """
 
 from dataclasses import dataclass, replace
@@ -25,7 +25,8 @@ class ConservationConfig:
     """The alternating projections and their solver."""
 
     rounds: Annotated[int, Between(0, 100)] = 4
-    """Projections: onto flows without divergence and, between two, onto the directions given; 0 leaves them alone."""
+    """Number of projections onto flows without divergence, with projections onto the given directions in between; 0
+    leaves the directions unchanged."""
     least_speed: Annotated[float, Between(0, 1)] = 0.2
     """Smallest speed after the second projection, as a share of the mean; a flow at rest has no direction."""
     most_speed: Annotated[float, Between(1, 1e6)] = 5.0
@@ -33,7 +34,7 @@ class ConservationConfig:
     way_out: Annotated[float, Between(-1, 1)] = 0.7
     """Hair leaves the volume where the cosine between its direction and the outward direction exceeds this."""
     tolerance: Annotated[float, Between(1e-9, 1)] = 0.01
-    """Divergence at which a projection ends, as a share of that of the first."""
+    """Divergence at which a projection ends, as a share of the divergence before the first."""
     iterations: Annotated[int, Between(1, 1_000_000)] = 400
     """Largest number of conjugate gradient steps in a projection."""
 
@@ -44,7 +45,7 @@ class FlowCells:
 
     Attributes:
         neighbours: cell behind each face; the number of cells where there is none.
-        open: faces without a neighbour that hair passes: to the scalp, or out of the volume.
+        open: faces without a neighbouring cell through which hair passes: from the scalp, or out of the volume.
     """
 
     neighbours: Int64[Tensor, "cell 6"]
@@ -68,12 +69,13 @@ def conserve(
     depth: float,
     config: ConservationConfig | None = None,
 ) -> FlowField:
-    """Turn the directions of a field as little as possible, so that hair fills its domain from the scalp.
+    """Rotate the directions of a field as little as possible so that hair from the scalp fills the domain.
 
-    Measured directions take part and are kept in the end: the room that masks leave beside the hair must not turn it.
+    Measured directions take part but are restored at the end: empty space between the hair and the masks' hull must not
+    bend the hair.
 
     Args:
-        field: directions, all unit, and where there is hair.
+        field: unit directions everywhere, and the domain of hair.
         scalp_points: a dense sample of the scalp.
         scalp_normals: its outward normals.
         depth: how far below the scalp the domain reaches, metres.
@@ -104,7 +106,7 @@ def conserve(
 def under_scalp(
     grid: VoxelGrid, points: Float[Tensor, "root 3"], normals: Float[Tensor, "root 3"], depth: float
 ) -> Bool[Tensor, "x y z"]:
-    """Voxels around the scalp, down to two voxels below the depth at which the domain of hair ends."""
+    """Voxels at the scalp, down to two voxels below the depth at which the domain of hair ends."""
     marked = torch.zeros(grid.count, dtype=torch.bool, device=points.device)
     for below in torch.arange(0.0, depth + 2 * grid.spacing, 0.5 * grid.spacing).tolist():
         index, inside = grid.index(points - below * normals)
@@ -135,7 +137,7 @@ def flow_cells(
 
 
 def face_flow(flow: Float[Tensor, "cell 3"], cells: FlowCells) -> Float[Tensor, "cell 6"]:
-    """Outward flow through the faces of cells: the mean of both sides, none through closed ones."""
+    """Outward flow through the faces of cells: the mean of both sides; zero through closed faces."""
     outward = torch.cat([flow, -flow], dim=1)
     beyond = torch.cat([outward, outward.new_zeros(1, 6)]).gather(0, cells.neighbours)
     return torch.where(cells.inner, 0.5 * (outward + beyond), outward * cells.open)
@@ -144,16 +146,16 @@ def face_flow(flow: Float[Tensor, "cell 3"], cells: FlowCells) -> Float[Tensor, 
 def without_divergence(
     faces: Float[Tensor, "cell 6"], cells: FlowCells, enough: float, iterations: int
 ) -> Float[Tensor, "cell 6"]:
-    """The nearest flow through faces whose sum over every cell is zero (Helmholtz's projection).
+    """Project a flow through faces onto the nearest one that sums to zero over every cell (Helmholtz projection).
 
     Solves Poisson's equation for a pressure, zero beyond open faces, by conjugate gradients (Jacobi preconditioned),
     and subtracts its differences from the flow.
 
     Args:
-        faces: outward flow, the same with opposite sign on both sides of a face.
+        faces: outward flow; equal and opposite on the two sides of a face.
         cells: neighbours and open faces.
-        enough: norm of the divergence at which to stop.
-        iterations: steps after which to stop.
+        enough: norm of the divergence below which the solver stops.
+        iterations: largest number of steps of the solver.
     """
     linked = cells.linked
     degree = linked.sum(dim=1).to(faces)

@@ -1,4 +1,4 @@
-"""What lies behind each face of the voxels of a domain."""
+"""Neighbours of the voxels of a domain, across their faces."""
 
 import torch
 from jaxtyping import Bool, Float, Int64, Shaped
@@ -9,7 +9,7 @@ from neural_strands.foundation import kernels
 
 
 def face_neighbours(domain: Bool[Tensor, "x y z"]) -> Int64[Tensor, "cell 6"]:
-    """The domain's voxel behind each face (see `behind_faces`) of its voxels, numbered; their count for none."""
+    """Index, in the domain, of the voxel behind each face (see `behind_faces`); the voxel count if there is none."""
     count = int(domain.sum())
     number = torch.full(domain.shape, count, device=domain.device)
     number[domain] = torch.arange(count, device=domain.device)
@@ -42,7 +42,7 @@ def neighbour_sum(
 def neighbour_sum_reference(
     values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
 ) -> Float[Tensor, "cell channel"]:
-    """The twin of `neighbour_sum` in plain torch."""
+    """`neighbour_sum` in plain torch, for tests."""
     return torch.cat([values, values.new_zeros(1, values.shape[1])])[neighbours].sum(dim=1)
 
 
@@ -52,9 +52,9 @@ def neighbour_mean(
     """Mean over the cells behind each cell's faces; a cell without any keeps its own value.
 
     Args:
-        values: of the cells.
-        neighbours: as from `face_neighbours`.
-        count: of each cell's neighbours: `neighbour_count(neighbours)`.
+        values: values of the cells.
+        neighbours: result of `face_neighbours`.
+        count: number of each cell's neighbours, from `neighbour_count(neighbours)`.
     """
     return torch.where(count[:, None] > 0, neighbour_sum(values, neighbours) / count[:, None].clamp(min=1), values)
 

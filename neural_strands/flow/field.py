@@ -21,7 +21,7 @@ from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 MOST_VOXELS = 50_000_000
-"""More than this memory should not hold."""
+"""Largest number of voxels, so that the grid fits into memory."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class FlowConfig:
     """Margin of the box around segments and roots, metres."""
     iterations: Annotated[int, Between(0, 100_000)] = 25
     """Jacobi sweeps after the multigrid start. They smooth over about the square root of their number in voxels: with
-    none, the steps of the start remain; many blur the differences between layers of hair."""
+    too few, the blocks of the coarse start remain visible; with many, layers of hair blur into each other."""
     normal_pull: Annotated[float, Between(0, 1)] = 0.25
-    """Weight of the scalp's normal, against the flow above it, in the direction next to the scalp; 0 to 1."""
+    """Weight, from 0 to 1, of the scalp's normal against the flow above it in directions next to the scalp."""
     scalp_layer: Annotated[float, Between(0, 1)] = 0.003
-    """Thickness in metres of the layer that the scalp pulls."""
+    """Thickness of the layer in which the scalp's normal counts, metres."""
     least_confidence: Annotated[float, Between(0, 1)] = 0.3
     """Segment points less confident than this are ignored; half of all points have 0.5 or more, guesses have 0.1."""
 
@@ -51,8 +51,8 @@ class FlowField:
         grid: the voxels.
         directions: unit growth directions.
         domain: where there can be hair.
-        unseen: the part of the domain that no view sees; None where views see all of it.
-        measured: where the direction is that of segments; None where no direction is.
+        unseen: the part of the domain that no view sees; None if views see all of it.
+        measured: voxels whose direction comes from segments; None if there are none.
     """
 
     grid: VoxelGrid
@@ -63,10 +63,10 @@ class FlowField:
 
 
 def grid_around(points: Float[Tensor, "point 3"], spacing: float, margin: float) -> VoxelGrid:
-    """The grid that holds `points` with `margin` metres on every side.
+    """The grid that contains `points` with `margin` metres on every side.
 
     Raises:
-        InputError: the box would have more voxels than memory should hold.
+        InputError: the box would have more than `MOST_VOXELS` voxels.
     """
     low, high = (points.amin(dim=0) - margin).tolist(), (points.amax(dim=0) + margin).tolist()
     grid = VoxelGrid.filling(low, high, spacing)
@@ -97,7 +97,7 @@ def diffuse_directions(
         scalp_points: a dense sample of the scalp.
         scalp_normals: its outward normals.
         config: weights and sweeps.
-        guess: what is known of hair that no view sees.
+        guess: directions of hair that no view sees, if they were extrapolated.
     """
     config = config or FlowConfig()
     kept = segments.confidence >= config.least_confidence
@@ -124,7 +124,7 @@ def diffuse_directions(
         strength = mean.norm(dim=-1, keepdim=True).clamp(min=0.3)
         towards_normal = (1 - config.normal_pull) * mean + config.normal_pull * strength * normals
         value = torch.where(is_fixed, known, torch.where(is_pulled, towards_normal, mean))
-    # Outside the domain the filled start remains, for streamlines that graze the border.
+    # Outside the domain the multigrid start remains, for streamlines that graze the border.
     directions = start.index_copy(0, cells, functional.normalize(value, dim=-1)).reshape(*grid.shape, 3)
     unseen = None if guess is None else marked(domain, guess.voxels)
     return FlowField(grid, directions, domain, unseen, fixed)

@@ -36,14 +36,14 @@ def hair_hull(
     config: HullConfig | None = None,
     distance: SignedDistanceGrid | None = None,
 ) -> Bool[Tensor, "x y z"]:
-    """Carve the box by the hair masks of all views; the head hides what is behind it.
+    """Carve the grid by the hair masks of all views; the head hides what is behind it.
 
     Args:
-        grid: the voxels to judge.
+        grid: the voxels to classify.
         views: each view with its hair coverage in [0, 1], read one at a time.
         head: the head mesh; voxels inside it are not hair.
         config: tolerances.
-        distance: to the head, sampled; the result is the same without it, but takes longer.
+        distance: sampled distance to the head, if the caller has it already; only saves time.
     """
     config = config or HullConfig()
     nodes = grid.nodes(head.vertices.device)
@@ -58,10 +58,10 @@ def hairy_points(
     views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]],
     config: HullConfig | None = None,
 ) -> Bool[Tensor, " point"]:
-    """Which points no view shows to be bare; the head hides what is behind it.
+    """Mark points that no view shows to be bare; the head hides what is behind it.
 
     Args:
-        points: world metres, a little off the head: on its surface, the head might hide them from every view.
+        points: world metres, slightly above the head: on its surface, the head might hide them from every view.
         views: each view with its hair coverage in [0, 1], read one at a time.
         config: tolerances.
     """
@@ -71,7 +71,7 @@ def hairy_points(
 def _silhouettes(
     views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]], middle: Float[Tensor, "3"], config: HullConfig
 ) -> Iterator[Silhouette]:
-    """Where each view may show hair: its mask, widened by what it is off at the middle of the hair."""
+    """Where each view may show hair: its mask, widened by `mask_margin` at the distance of the hair's middle."""
     for view, mask in views:
         footprint = view.camera.footprint(float((view.camera.position - middle).norm()))
         covered = widen(mask, round(config.mask_margin / footprint)) >= config.mask_threshold
@@ -85,7 +85,7 @@ def covered_volume(
     config: HullConfig | None = None,
     distance: SignedDistanceGrid | None = None,
 ) -> Bool[Tensor, "x y z"]:
-    """The volume between the head and the points seen, for captures without masks.
+    """The volume between the head and the given points on the hair, for captures without masks.
 
     Every voxel between a point and the closest point of the head may hold hair.
     """
@@ -106,7 +106,7 @@ def covered_volume(
 def _outside_head(
     points: Float[Tensor, "point 3"], head: Mesh, distance: SignedDistanceGrid | None, depth: float
 ) -> Bool[Tensor, " point"]:
-    """Which points lie no deeper than `depth` metres below the head's surface."""
+    """Mark points that lie no deeper than `depth` metres below the head's surface."""
     if distance is not None:
         return distance.is_above(points, depth, head)
     return signed_distance(points, head).distance > -depth

@@ -1,4 +1,4 @@
-"""First strands: streamlines of the flow from the scalp outwards."""
+"""Initial strands: streamlines of the flow from the scalp outwards."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,14 +14,14 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import lengths
 
 MOSTLY = 0.5
-"""A strand with more than this share of its points unseen is no longer than expected of the hair about it."""
+"""The length of a strand with more than this share of unseen points is limited to that expected from hair nearby."""
 LONGEST = 0.8
-"""Nor is it longer than this quantile of the strands that are mostly seen."""
+"""It is also limited to this quantile of the lengths of strands that are mostly seen."""
 MOST_KNOWN = 2000
-"""Strands that lengths are expected from, evenly chosen where there are more."""
+"""Largest number of strands from which lengths are estimated; if there are more, they are sampled evenly."""
 NEARBY = 0.02
-"""Metres added to distances, so that strands nearer than this count about equally; otherwise the nearest one would
-decide alone."""
+"""Metres added to distances, so that strands nearer than this count about equally instead of the nearest deciding
+alone."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def trace_hair(
     normals: Float[Tensor, "root 3"],
     config: TraceConfig | None = None,
 ) -> TracedStrands:
-    """Trace a strand from each root; those that no view sees are no longer than the ones seen beside them.
+    """Trace a strand from each root; those that no view sees are limited to the length of seen ones nearby.
 
     Args:
         field: directions, the volume that holds hair, and which part of it no view sees.
@@ -90,18 +90,18 @@ def expected_lengths(
     roots: Float[Tensor, "strand 3"],
     places: Float[Tensor, "place 3"],
 ) -> Float[Tensor, " place"]:
-    """Length of hair at other places, from strands that views may see in part only.
+    """Estimate the length of hair at other places, from strands of which views may see only a part.
 
-    A strand that goes where no view sees is at least as long as what is seen of it. Were only those counted that stay
-    in sight, long hair would be missing among them. If a strand may end anywhere, the likeliest mean length is the
-    length seen of all strands, divided by the number of those seen whole (Epstein and Sobel 1953). Both are sums over
-    strands, weighted by the inverse fourth power of the distance (Shepard 1968).
+    A partly seen strand is at least as long as its seen part. Counting only strands that are seen completely would
+    underrate long hair. If a strand is equally likely to end anywhere, the maximum-likelihood mean length is the total
+    seen length divided by the number of strands seen completely (Epstein and Sobel 1953). Both sums are over strands,
+    weighted by the inverse fourth power of the distance (Shepard 1968).
 
     Args:
-        seen: length seen of each strand, metres.
-        known: whether that is all of it; so for one at least.
-        roots: where they grow.
-        places: where lengths are asked for.
+        seen: seen length of each strand, metres.
+        known: whether that is its whole length; true for at least one strand.
+        roots: roots of the strands, metres.
+        places: where lengths are wanted, metres.
     """
     every = max(1, len(roots) // MOST_KNOWN)
     seen, known, roots = seen[::every], known[::every].to(seen), roots[::every]
@@ -135,7 +135,7 @@ def trace_strands(
         roots: where strands start, metres.
         normals: outward unit normals there, followed where the field vanishes.
         config: step and limits.
-        most: length at which each strand ends at the latest, metres.
+        most: largest length of each strand, metres.
     """
     config = config or TraceConfig()
     steps = max(int(config.longest / config.step), 2)
@@ -150,7 +150,7 @@ def trace_strands(
         ahead = position + config.step * second
         travelled = (step + 1) * config.step
         if travelled > config.grace:
-            # There is no hair beyond the grid, whatever its border holds.
+            # There is no hair beyond the grid, whatever the values at its border.
             _, within = field.grid.index(ahead)
             alive = alive & within & (field.grid.sample(inside, ahead, outside="border")[:, 0] >= 0.5)
         if most is not None:

@@ -1,9 +1,9 @@
 """Hair that no view sees: how far it reaches, how it lies, and how long it is.
 
-The visual hull has no back wall: what the head hides from every view is never carved, and no segment tells the flow
-which way to run there. So what is seen is continued over the head: the thickness of the hair (none over bare skin) and
-its directions are extended harmonically, by Laplace's equation on a coarse grid in the layer about the head. Directions
-there keep to the head's surface and yield to gravity with the distance from seen hair.
+The visual hull is open at the back: what the head hides from every view is never carved, and no segments guide the flow
+there. So the seen hair is extrapolated over the head: its thickness (zero over bare skin) and its directions are
+extended harmonically, by Laplace's equation on a coarse grid in the layer around the head. Directions there follow the
+head's surface, and increasingly gravity with the distance from seen hair.
 """
 
 from collections.abc import Iterable
@@ -25,44 +25,45 @@ from neural_strands.geometry.visual_hull import HeadView, views_that_see
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 DOWN = (0.0, -1.0, 0.0)
-"""Where gravity pulls."""
+"""Direction of gravity."""
 HELD = 0.025
-"""Metres from the head within which hair follows its surface."""
+"""Distance from the head within which hair follows its surface, metres."""
 SHARE_EVERY = 5
-"""Of a strand's points, one in so many is looked for in the views."""
+"""One in this many points of a strand is tested for visibility."""
 
 
 @dataclass(frozen=True)
 class UnseenConfig:
-    """What counts as unseen, and how what is seen is continued."""
+    """What counts as unseen, and how seen hair is extrapolated."""
 
     least_views: Annotated[int, Between(1, 1000)] = 2
-    """Views that must see a place: what one view alone sees has no depth."""
+    """Number of views that must see a place; a single view does not determine its depth."""
     facing: Annotated[float, Between(-1, 1)] = 0.2
-    """Least cosine between the way out of the head and the way to a camera that sees hair."""
+    """A camera sees hair only if the cosine between the head's outward direction and the direction to it exceeds
+    this."""
     lift: Annotated[float, Between(0, 1)] = 0.004
-    """Metres above the head at which what lies on it is looked for: on the skin itself the skin hides it."""
+    """Height above the head at which visibility is tested, metres: points on the skin itself would be hidden by it."""
     spacing: Annotated[float, Between(1e-4, 1)] = 0.008
-    """Of the coarse grid, metres."""
+    """Spacing of the coarse grid, metres."""
     sweeps: Annotated[int, Between(0, 100_000)] = 300
     """Jacobi sweeps over the coarse grid after its multigrid start."""
     gravity_reach: Annotated[float, Between(1e-3, 1e3)] = 0.04
-    """Metres from seen hair at which gravity says as much as the hair beside."""
+    """Distance from seen hair at which gravity counts as much as neighbouring hair, metres."""
     climb: Annotated[float, Between(1e-3, 1e3)] = 0.04
-    """Metres of a strand in which it covers two thirds of the way from the skin to the surface of the hair."""
+    """Length of strand over which it climbs two thirds of the way from the skin to the surface of the hair, metres."""
     steepest: Annotated[float, Between(0, 10)] = 0.35
-    """Largest slope of that climb: hair that hangs far from a neck does not leave the skin there."""
+    """Largest slope of that climb: hair that hangs far from the neck does not grow from the skin there."""
 
 
 @dataclass(frozen=True)
 class HeadLayer:
-    """A coarse grid about the head, and what views see of it.
+    """A coarse grid around the head, and its visibility.
 
     Attributes:
         grid: the coarse grid.
-        distance: to the head's surface, metres, negative inside.
-        outward: unit direction in which the distance grows.
-        unseen: 1 where too few views see, else 0.
+        distance: distance to the head's surface, metres, negative inside.
+        outward: unit direction of increasing distance.
+        unseen: 1 where too few views see the node, else 0.
     """
 
     grid: VoxelGrid
@@ -73,7 +74,7 @@ class HeadLayer:
     def at(
         self, points: Float[Tensor, "point 3"]
     ) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"], Bool[Tensor, " point"]]:
-        """Distance, unit outward direction and whether unseen, at points in the grid."""
+        """Distance, unit outward direction and whether unseen, interpolated at points in the grid."""
         volume = torch.cat([self.distance[..., None], self.outward, self.unseen[..., None]], dim=-1)
         read = self.grid.sample(volume, points, outside="border")
         return read[:, 0], functional.normalize(read[:, 1:4], dim=-1), read[:, 4] > 0.5
@@ -81,7 +82,7 @@ class HeadLayer:
 
 @dataclass(frozen=True)
 class OverHead:
-    """Places over the head, and how hair lies there.
+    """Places above the head, and how hair lies there.
 
     Attributes:
         outward: unit directions away from the head.
@@ -100,12 +101,12 @@ class OverHead:
 
 @dataclass(frozen=True)
 class UnseenHair:
-    """What is guessed of the hair that no view sees, voxel by voxel of a fine grid.
+    """Extrapolated hair that no view sees, in voxels of the fine grid.
 
     Attributes:
-        voxels: flat indices of voxels that no view sees and that hair may fill, in rising order.
-        place: where they lie over the head.
-        directions: growth directions, not unit.
+        voxels: ascending flat indices of voxels that no view sees and that hair may fill.
+        place: their positions relative to the head.
+        directions: growth directions, not normalised.
     """
 
     voxels: Int64[Tensor, " voxel"]
@@ -120,11 +121,11 @@ def unseen_points(
     views: Iterable[HeadView],
     config: UnseenConfig | None = None,
 ) -> Bool[Tensor, " point"]:
-    """Which points too few views see.
+    """Mark points that too few views see.
 
     Args:
         points: world metres.
-        distance: of each to the head's surface, metres.
+        distance: distance of each to the head's surface, metres.
         outward: unit directions away from the head.
         views: cameras with the head before them, used one at a time.
         config: what counts as seen.
@@ -140,12 +141,12 @@ def unseen_share(
     head: SignedDistanceIndex,
     config: UnseenConfig | None = None,
 ) -> Float[Tensor, " strand"]:
-    """Share of each strand that too few views see: of every `SHARE_EVERY`-th of its points, from its root.
+    """Share of each strand that too few views see, tested at every `SHARE_EVERY`-th point from its root.
 
     Args:
         points: strands, world metres.
         views: cameras with the head before them, used one at a time.
-        head: distances to it.
+        head: index of distances to the head.
         config: what counts as seen.
     """
     some = points[:, ::SHARE_EVERY]
@@ -164,20 +165,20 @@ def guess_unseen(
     masked: bool,
     config: UnseenConfig | None = None,
 ) -> tuple[Bool[Tensor, "x y z"], UnseenHair]:
-    """Continue the hair that is seen over the part of the head that no view sees.
+    """Extrapolate the seen hair over the part of the head that no view sees.
 
     Args:
-        layer: a coarse grid about the head, and what views see of it.
+        layer: a coarse grid around the head, and its visibility.
         grid: the fine grid.
-        domain: voxels that may be hair, as far as views tell.
+        domain: voxels that may be hair according to the views.
         segments: oriented points of hair.
-        head: its mesh.
-        masked: whether `domain` is what masks leave. If so, skin outside is bare and unseen hair lies within; if not,
-            what is outside is not known.
-        config: how what is seen is continued.
+        head: mesh of the head.
+        masked: whether `domain` was carved by masks. If so, skin outside it is bare and unseen hair lies inside; if
+            not, nothing is known outside.
+        config: settings of the extrapolation.
 
     Returns:
-        The domain with the unseen part bounded, and what is guessed of that part.
+        The domain with its unseen part bounded, and the extrapolated hair of that part.
     """
     config = config or UnseenConfig()
     bare = bare_skin(layer, grid, domain, head) if masked else segments.points[:0]
@@ -202,7 +203,7 @@ def guess_unseen(
 
 
 def hanging(hair: Bool[Tensor, "x y z"]) -> Bool[Tensor, "x y z"]:
-    """The voxels of hair and all below them: hair that no head holds up falls straight down."""
+    """The voxels of hair and all voxels below them: hair without support falls straight down."""
     return hair.flip(1).int().cummax(dim=1).values.flip(1) > 0
 
 
@@ -212,7 +213,7 @@ def marked(domain: Bool[Tensor, "x y z"], voxels: Int64[Tensor, " voxel"]) -> Bo
 
 
 def head_layer(grid: VoxelGrid, views: Iterable[HeadView], head: Mesh, config: UnseenConfig) -> HeadLayer:
-    """Distances to the head and what views see, on a coarse grid over the box of a fine one."""
+    """Distances to the head and visibility, on a coarse grid over the box of a fine one."""
     low = [first - 0.5 * grid.spacing for first in grid.origin]
     high = [start + size * grid.spacing for start, size in zip(low, grid.shape, strict=True)]
     coarse = VoxelGrid.filling(low, high, max(config.spacing, grid.spacing))
@@ -230,16 +231,17 @@ def head_layer(grid: VoxelGrid, views: Iterable[HeadView], head: Mesh, config: U
 def hair_extent(
     layer: HeadLayer, grid: VoxelGrid, domain: Bool[Tensor, "x y z"], bare: Float[Tensor, "point 3"], sweeps: int
 ) -> Float[Tensor, "i j k 2"]:
-    """How thick hair lies over the head, metres, and whether it does (from 0 to 1), at the nodes of the layer.
+    """Thickness of the hair over the head, metres, and whether there is hair (from 0 to 1), at the nodes of the layer.
 
-    Both are those seen, continued harmonically, but apart: hair is as thick at its edge as elsewhere.
+    Both are extended harmonically from where they are seen, but separately, so that hair is as thick at its edge as
+    elsewhere.
 
     Args:
-        layer: the coarse grid about the head.
+        layer: the coarse grid around the head.
         grid: the fine grid.
         domain: where there can be hair; its surface counts where views see it.
-        bare: points over skin that views see bare.
-        sweeps: of Jacobi's method.
+        bare: points over skin that views show to be bare.
+        sweeps: number of Jacobi sweeps.
     """
     voxels = grid.nodes(domain.device)[domain]
     distance, outward, unseen = layer.at(voxels)
@@ -259,7 +261,7 @@ def hair_extent(
 
 
 def bare_skin(layer: HeadLayer, grid: VoxelGrid, domain: Bool[Tensor, "x y z"], head: Mesh) -> Float[Tensor, "point 3"]:
-    """Points just over the faces of the head that views see, and where there can be no hair."""
+    """Points just above faces of the head that views see and where there can be no hair."""
     over = head.corners().mean(dim=1) + 1.5 * grid.spacing * face_normals(head)
     index, inside = grid.index(over)
     _, _, unseen = layer.at(over)
@@ -273,13 +275,13 @@ def lying_directions(
     thickness: Float[Tensor, "i j k"],
     config: UnseenConfig,
 ) -> Float[Tensor, "i j k 3"]:
-    """Directions at the nodes of the layer: those of oriented points, continued so that hair lies on the head.
+    """Extend the directions of oriented points over the layer's nodes, so that hair lies on the head.
 
     Args:
-        layer: the coarse grid about the head.
+        layer: the coarse grid around the head.
         points: where directions are known, metres.
         directions: unit growth directions there.
-        thickness: of the hair over the head, metres.
+        thickness: thickness of the hair over the head, metres.
         config: how soon gravity takes over.
     """
     about = (layer.distance > -layer.grid.spacing) & (layer.distance < thickness + 2 * layer.grid.spacing)
@@ -295,7 +297,7 @@ def lying_directions(
     given, is_fixed = known.reshape(-1, 3)[cells], fixed.reshape(-1)[cells, None]
     is_unseen = layer.unseen.reshape(-1)[cells, None] > 0.5
     down = value.new_tensor(DOWN)
-    # Mean of neighbours and a pull: a screened Poisson equation, whose solutions fall off over this distance.
+    # A mean of neighbours plus a pull solves a screened Poisson equation, whose solutions decay over `gravity_reach`.
     pull = (layer.grid.spacing / config.gravity_reach) ** 2 / 6
     for _ in range(config.sweeps):
         mean = neighbour_mean(value, neighbours, count)
@@ -307,15 +309,15 @@ def lying_directions(
 def climbing(
     thickness: Float[Tensor, "*place"], distance: Float[Tensor, "*place"], config: UnseenConfig
 ) -> Float[Tensor, "*place"]:
-    """Slope at which hair climbs away from the head: none at the hair's surface, at most `steepest`."""
+    """Slope at which hair climbs away from the head: zero at the hair's surface, at most `steepest`."""
     return ((thickness - distance).clamp(min=0) / config.climb).clamp(max=config.steepest)
 
 
 def along_head(directions: Float[Tensor, "cell 3"], place: OverHead) -> Float[Tensor, "cell 3"]:
-    """Directions that lead neither into the head nor away from it more steeply than hair that falls freely.
+    """Constrain directions to lead neither into the head nor away from it more steeply than hair that falls freely.
 
-    Hair rises gently from the skin to the surface of the hair, so that what grows above lies over what grows below.
-    Further from the head than `HELD` all this fades: hair that hangs clear of neck and shoulders falls.
+    Hair rises gently from the skin to the surface of the hair, so that what grows above lies over what grows below. The
+    constraint fades beyond `HELD` metres from the head: hair that hangs clear of neck and shoulders falls.
     """
     length = directions.norm(dim=-1, keepdim=True)
     given = (directions * place.outward).sum(dim=-1, keepdim=True)
@@ -331,7 +333,7 @@ def harmonic(
     domain: Bool[Tensor, "x y z"],
     sweeps: int,
 ) -> Float[Tensor, "x y z channel"]:
-    """Values that agree with the known ones and are the mean of their neighbours elsewhere in the domain."""
+    """Extend known values harmonically: elsewhere in the domain, each value is the mean of its neighbours."""
     domain = domain | fixed
     cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
     neighbours = face_neighbours(domain)

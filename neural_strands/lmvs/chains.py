@@ -1,4 +1,4 @@
-"""From an oriented point cloud to chains of points: mean shift, then growing (Nam et al. 2019, section 5)."""
+"""Turn an oriented point cloud into chains of points: mean shift, then growing (Nam et al. 2019, section 5)."""
 
 import math
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from neural_strands.lmvs.kernels import chains as chain_kernels
 
 @dataclass(frozen=True)
 class ChainConfig:
-    """Lengths in pixel footprints, angles in degrees."""
+    """Settings of mean shift and growing; lengths in pixel footprints, angles in degrees."""
 
     radius: Annotated[float, Between(0.01, 1000)] = 2.0
-    """Reach of the mean shift."""
+    """Radius of the mean shift."""
     rounds: Annotated[int, Between(0, 100)] = 2
-    """Mean shifts of every point before chains grow."""
+    """Mean shifts of each point before chains grow."""
     angle: Annotated[float, Between(0, 90)] = 25.0
     """Neighbours with a larger angle belong to another strand."""
     turn: Annotated[float, Between(0, 90)] = 20.0
@@ -32,7 +32,7 @@ class ChainConfig:
     step: Annotated[float, Between(0.01, 1000)] = 1.0
     """Distance between the points of a chain."""
     spacing: Annotated[float, Between(0.01, 1000)] = 0.6
-    """Points nearer than this to a chain belong to it and do not start another."""
+    """Points nearer than this to a chain belong to it and start no other."""
     support: Annotated[float, Between(0, 1000)] = 0.4
     """Smallest sum of weights around a point of a chain."""
     steps: Annotated[int, Between(1, 10_000)] = 24
@@ -61,7 +61,17 @@ class Cloud:
 
 
 def mean_shift(cloud: OrientedPoints, radius: float, degrees: float, rounds: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Shifted points, aligned directions and the weight around each."""
+    """Shift points onto the mean line of their neighbours.
+
+    Args:
+        cloud: the points.
+        radius: radius of the neighbourhood, metres.
+        degrees: largest angle between the directions of neighbours.
+        rounds: number of shifts.
+
+    Returns:
+        Shifted points (point, 3), aligned unit directions (point, 3), and the sum of weights around each (point).
+    """
     grid = Cloud(cloud.points, cloud.directions, cloud.weight, radius)
     moved, turned = torch.zeros_like(cloud.points), torch.zeros_like(cloud.directions)
     support = torch.zeros_like(cloud.weight)
@@ -74,9 +84,19 @@ def mean_shift(cloud: OrientedPoints, radius: float, degrees: float, rounds: int
 def grow_chains(
     cloud: OrientedPoints, footprint: float, config: ChainConfig, generator: torch.Generator
 ) -> LineSegments:
-    """Grow chains from the cloud until every point belongs to one."""
+    """Grow chains from the cloud until every point belongs to one.
+
+    Args:
+        cloud: the oriented points.
+        footprint: width of a pixel at the hair, metres.
+        config: settings, in footprints.
+        generator: breaks ties in the order of the seeds.
+
+    Returns:
+        One segment per chain; directions follow the points but are otherwise unsigned.
+    """
     radius, cell = config.radius * footprint, config.spacing * footprint
-    # Points near in space are near in memory, because a walk reads whole neighbourhoods.
+    # Sort points so that neighbours in space are neighbours in memory, because a walk reads whole neighbourhoods.
     cloud = cloud.select(torch.argsort(cell_keys(cloud.points, radius)))
     points, directions, _ = mean_shift(cloud, radius, config.angle, config.rounds)
     grid = Cloud(points, directions, cloud.weight, radius)
@@ -107,7 +127,7 @@ def grow_chains(
 
 @dataclass(frozen=True)
 class _Chains:
-    """Chains one after the other, and how many points each has."""
+    """Concatenated chains, and the number of points of each."""
 
     points: Float[Tensor, "point 3"]
     directions: Float[Tensor, "point 3"]
@@ -118,7 +138,7 @@ class _Chains:
 def _walk(
     grid: Cloud, seeds: Tensor, points: Tensor, directions: Tensor, radius: float, footprint: float, config: ChainConfig
 ) -> _Chains:
-    """Chains from these seeds, in their order."""
+    """Grow chains from these seeds, in their order."""
     shape = (len(seeds), 2, config.steps)
     chain, tangent = points.new_zeros(*shape, 3), points.new_zeros(*shape, 3)
     strength = points.new_zeros(shape)
@@ -148,7 +168,7 @@ def _walk(
 
 
 def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chains:
-    """Leave to each chain the cells that no earlier chain has taken, and drop pieces that become too short."""
+    """Restrict each chain to cells that no earlier chain has taken, and drop pieces that become too short."""
     device = keys.device
     rank = torch.repeat_interleave(torch.arange(len(chains.sizes), device=device), chains.sizes)
     cells, inverse = torch.unique(keys, return_inverse=True)
@@ -166,7 +186,7 @@ def _trim(chains: _Chains, keys: Tensor, taken: Tensor, shortest: int) -> _Chain
 
 
 def _among(keys: Tensor, ordered: Tensor) -> Tensor:
-    """Whether keys are among those of a sorted list: `torch.isin` would sort both again."""
+    """Whether keys occur in a sorted list; unlike `torch.isin`, this does not sort again."""
     if len(ordered) == 0:
         return torch.zeros_like(keys, dtype=torch.bool)
     place = torch.searchsorted(ordered, keys).clamp(max=len(ordered) - 1)

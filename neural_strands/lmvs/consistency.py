@@ -18,8 +18,8 @@ class OrientedPoints:
     Attributes:
         points: world metres.
         directions: unit, unsigned.
-        weight: confidence of each, in [0, 1].
-        view: index of the view of each.
+        weight: confidence, in [0, 1].
+        view: index of the view that each point comes from.
     """
 
     points: Float[Tensor, "point 3"]
@@ -33,7 +33,7 @@ class OrientedPoints:
 
 
 def join_points(parts: Sequence[OrientedPoints]) -> OrientedPoints:
-    """One cloud of several."""
+    """Concatenate clouds."""
     names = OrientedPoints.__annotations__
     return OrientedPoints(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
 
@@ -53,15 +53,15 @@ def confirmations(
 ) -> Float[Tensor, " point"]:
     """Number of other views that see a line within `distance` metres and `angle` radians of a point at its projection.
 
-    A view counts less the further its line is off; one that agrees closely is worth two that agree roughly.
+    A view counts less the more its line differs; one that agrees closely is worth two that agree roughly.
 
     Args:
         points: positions, metres.
         directions: unit.
         others: the other views and their lines.
-        distance: metres.
-        angle: radians.
-        stride: spacing of the pixels that have a line; the line of the same block of pixels is used.
+        distance: largest distance, metres.
+        angle: largest angle, radians.
+        stride: spacing of the pixels that have a line; the line in the same block of pixels is compared.
     """
     votes = points.new_zeros(len(points))
     for camera, lines in others:

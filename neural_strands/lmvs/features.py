@@ -1,4 +1,4 @@
-"""Input of the matcher from a view: orientation, its confidence and brightness per pixel, and the pixels of hair."""
+"""The matcher's input from a view: orientation, its confidence and brightness per pixel, and the pixels of hair."""
 
 import math
 from dataclasses import dataclass
@@ -13,26 +13,26 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, luma, orientation_map
 
 LEAST_COHERENCE = 0.12
-"""Mean confidence of orientation below which a neighbourhood is not hair."""
+"""A neighbourhood whose mean confidence of orientation is lower is not hair."""
 LEAST_SHARE = 0.15
-"""Patches of texture smaller than this share of the largest are not hair."""
+"""Connected patches of texture smaller than this share of the largest are not hair."""
 PATCH = 1 / 40
 """Size of the neighbourhood in which streaks must be dense to be hair, as a share of the photograph's longer side."""
 LEAST_STRENGTH = 0.65
 """Smallest density of streaks in hair, as a share of that in the densest places."""
 DARKEST = 0.02
-"""Added to brightness, so that noise in black areas is not a streak."""
+"""Added to brightness before its logarithm, so that noise in black areas does not look like streaks."""
 CROP_MARGIN = 24
-"""Pixels around the hair that are filtered with it."""
+"""Width of the border around the hair that is filtered with it, pixels."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """One view, prepared.
+    """One view, prepared for matching.
 
     Attributes:
         camera: the view's camera.
-        texture: c cos 2a, c sin 2a, c, brightness; a the orientation, c its confidence.
+        texture: (c cos 2a, c sin 2a, c, brightness), with a the orientation and c its confidence.
         hair: which pixels are hair.
         silhouette: hair and pixels that may be hair, for the hull: a thin stray hair must not be carved away.
     """
@@ -57,14 +57,25 @@ def view_features(
     config: OrientationConfig,
     brightness_blur: float = 0.7,
 ) -> tuple[Features, OrientationMap]:
-    """Orientation and brightness of a view; without a mask, hair is where the orientation is confident and strong.
+    """Compute orientation and brightness of a view, and its pixels of hair.
 
-    Brightness is blurred by `brightness_blur` pixels: sensor and path-tracing noise is white, streaks are not.
+    Without a mask, hair is where the orientation is confident and strong.
+
+    Args:
+        camera: the view's camera.
+        image: the photograph, sRGB-encoded.
+        mask: coverage of hair, if known.
+        config: settings of the orientation filters.
+        brightness_blur: standard deviation, in pixels, of the blur of brightness: sensor and path-tracing noise is
+            white, streaks are not.
+
+    Returns:
+        The matcher's input, and the full orientation map.
     """
     brightness = luma(image)
     seen = orientation_map(brightness, config) if mask is None else _cropped(brightness, mask, config)
     if mask is None:
-        # Streaks of hair are shading, proportional to its colour, so dark hair shows them only in the logarithm.
+        # Streaks are shading, proportional to the hair's colour; those of dark hair show only in the logarithm.
         hair = hair_pixels(orientation_map(torch.log(brightness + DARKEST), config))
         silhouette = torch.ones_like(hair)
     else:
@@ -99,7 +110,7 @@ def _cropped(
 
 
 def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:
-    """Pixels where streaks are dense and of one direction over a neighbourhood.
+    """Mark pixels around which streaks are dense and share one direction.
 
     The square root of their strength is averaged, so that many streaks count more than one strong edge, such as a
     collar.
@@ -121,5 +132,5 @@ def hair_pixels(seen: OrientationMap) -> Bool[Tensor, "height width"]:
 
 
 def ray_angle(camera: Camera) -> float:
-    """Angle in radians that a pixel in the middle of the image covers."""
+    """Angle covered by a pixel in the middle of the image, radians."""
     return math.atan(camera.footprint(1.0))

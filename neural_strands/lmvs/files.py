@@ -21,13 +21,13 @@ ARRAYS = (
     ArraySpec("confidence", "point", np.float32),
     ArraySpec("segment_id", "point", np.int64, kinds="iu"),
 )
-"""Arrays of the npz file, as LineSegments names them."""
+"""Arrays of the npz file, named like the fields of `LineSegments`."""
 SOURCE = ArraySpec("source", "byte", np.uint8, kinds="u", required=False)
 """What the segments were made from: JSON in UTF-8."""
 DIRECTION_TOLERANCE = 0.01
-"""How far the length of a stored direction may be from 1."""
+"""Largest deviation of a stored direction's length from 1."""
 LONGEST_NAME = 4096
-"""Letters of the longest name of a view."""
+"""Largest number of characters in the name of a view."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class SegmentsSource:
     """What line segments were made from.
 
     Attributes:
-        views: names of the views that stereo saw.
-        settings: of stereo and growth directions, as JSON has them; kept for the record.
+        views: names of the views that stereo used.
+        settings: settings of stereo and growth directions, as JSON values, for the record.
     """
 
     views: tuple[str, ...]
@@ -44,18 +44,18 @@ class SegmentsSource:
 
 
 def save_segments(path: Path, segments: LineSegments, source: SegmentsSource | None = None) -> None:
-    """Write segments as .npz or .ply, by the suffix.
+    """Write segments as .npz or .ply, depending on the suffix.
 
     The PLY is binary: vertices x y z, nx ny nz (the direction), confidence, segment_id, and one edge between the
     neighbouring points of each segment.
 
     Args:
         path: the file.
-        segments: what to write.
-        source: what they were made from, if known; only npz keeps it.
+        segments: the segments to write.
+        source: what they were made from, if known; only stored in npz.
 
     Raises:
-        InputError: another suffix, or the file cannot be written.
+        InputError: the suffix is neither, or the file cannot be written.
     """
     arrays = {spec.name: getattr(segments, spec.name).detach().cpu().numpy() for spec in ARRAYS}
     if path.suffix == ".npz":
@@ -74,8 +74,8 @@ def load_segments(path: Path) -> LineSegments:
     """Read segments that `save_segments` wrote as npz.
 
     Raises:
-        InputError: the file cannot be read, or an array is missing, has another shape or type, holds a number that is
-            not finite, or is not what `LineSegments` says of it.
+        InputError: the file cannot be read, or an array is missing, has the wrong shape or type, contains numbers that
+            are not finite, or violates what `LineSegments` requires.
     """
     arrays = read_npz(path, "line segments", ARRAYS, advice="run lmvs again")
     steps = np.diff(arrays["segment_id"], prepend=-1)
@@ -94,7 +94,7 @@ def load_segments(path: Path) -> LineSegments:
 
 
 def load_segments_source(path: Path) -> SegmentsSource | None:
-    """Read what the segments of an npz file were made from; None if the file does not say.
+    """Read what the segments of an npz file were made from; None if the file does not record it.
 
     Raises:
         InputError: the file cannot be read, or this part of it is damaged.

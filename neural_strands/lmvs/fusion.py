@@ -1,8 +1,8 @@
-"""From the lines of all views to one oriented cloud: contradicted lines are dropped, gaps are filled with guesses.
+"""Fuse the lines of all views into one oriented cloud: contradicted lines are dropped, gaps are filled with guesses.
 
-A line that other views confirm is nearly always hair. A line that none confirms is hair four times out of five, mostly
-hair that no other view sees, so nothing else can replace it: such lines are thinned and kept where nothing confirmed is
-near.
+A line that other views confirm is nearly always hair. A line that none confirms is hair in four cases out of five,
+mostly hair that no other view sees, which nothing else can replace. Such lines are thinned, and kept where no confirmed
+line is near.
 """
 
 import torch
@@ -14,11 +14,11 @@ from neural_strands.geometry.point_queries import nearest
 from neural_strands.lmvs.consistency import OrientedPoints
 
 GUESS = 0.1
-"""Confidence of a guess that no view confirms; confirmed chains have more."""
+"""Confidence of a guess; confirmed chains have more."""
 
 
 def cell_keys(points: Float[Tensor, "point 3"], cell: float) -> Int64[Tensor, " point"]:
-    """One number per point for the cell of `cell` metres in which it lies."""
+    """A number per point that identifies the cell of `cell` metres in which it lies."""
     index = torch.floor(points / cell).long() + 2**20
     return (index[:, 0] << 42) + (index[:, 1] << 21) + index[:, 2]
 
@@ -27,7 +27,7 @@ def fill_gaps(guesses: OrientedPoints, confirmed: OrientedPoints, cell: float) -
     """The guess with the largest weight in each cell of `cell` metres that holds no confirmed line."""
     keys = cell_keys(guesses.points, cell)
     free = torch.nonzero(~torch.isin(keys, torch.unique(cell_keys(confirmed.points, cell)))).squeeze(1)
-    # Stable sorts by weight, then by cell: the first of a cell is its best, and the earliest among equals.
+    # Stable sorts by weight, then by cell: the first point of each cell is its best, the earliest if several are equal.
     order = free[torch.argsort(guesses.weight[free], descending=True, stable=True)]
     order = order[torch.argsort(keys[order], stable=True)]
     first = torch.ones(len(order), dtype=torch.bool, device=keys.device)
@@ -44,13 +44,13 @@ def best_share(cloud: OrientedPoints, share: float) -> OrientedPoints:
 def share_reached(
     room: Float[Tensor, "point 3"], points: Float[Tensor, "segment_point 3"], reach: float, most: int = 20_000
 ) -> float:
-    """Share of the room for hair that has a segment's point within `reach` metres.
+    """Share of the space that hair can occupy that has a segment's point within `reach` metres.
 
     Args:
-        room: points spread evenly over it; at most `most` of them are tested.
-        points: of segments.
-        reach: metres.
-        most: number of points that suffices; the standard error of the share is then below 0.4%.
+        room: points spread evenly over that space; at most `most` of them are tested.
+        points: points of segments.
+        reach: largest distance, metres.
+        most: largest number of points tested; 20,000 keep the standard error of the share below 0.4%.
     """
     asked = room[:: max(1, -(-len(room) // most))]
     if len(asked) == 0:

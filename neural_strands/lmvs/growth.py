@@ -1,7 +1,7 @@
 """Growth direction: a sign for every segment so that it runs from root to tip (paper, after Chai 2013).
 
 Each segment carries one unknown in [-1, 1]. Neighbouring segments on about the same line should have the same sign,
-segments that leave the scalp should point away from it, and hair hangs if nothing else is known. The minimum of the sum
+segments that leave the scalp should point away from it, and otherwise hair should point downwards. Minimising the sum
 of squares is a sparse linear system: diffusion with soft anchors. Strokes are anchors that outweigh all others.
 """
 
@@ -25,7 +25,10 @@ from neural_strands.geometry.signed_distance import signed_distance
 
 @dataclass(frozen=True)
 class GrowthConfig:
-    """Weights of the diffusion; lengths are in the spacing of the segments' points unless they say otherwise."""
+    """Weights of the diffusion.
+
+    Lengths are multiples of the spacing of the segments' points unless stated otherwise.
+    """
 
     reach: Annotated[float, Between(0.1, 1000)] = 12.0
     """Distance within which neighbours are searched."""
@@ -36,15 +39,15 @@ class GrowthConfig:
     scalp_reach: Annotated[float, Between(1e-6, 10)] = 0.03
     """Distance from the head at which its pull falls to 1/e, as a share of the head's size."""
     scalp: Annotated[float, Between(0, 1e6)] = 3e-4
-    """Pull to point away from the head; a tie between two segments weighs up to 1.
+    """Weight of pointing away from the head; the tie between two segments has weight up to 1.
 
-    This and the next are so small that neighbours alone decide which segments point the same way, and these only choose
-    between the two signs of a mass of hair. If stronger, they would turn single parts, such as hair that stands up at
-    the root before it falls."""
+    This and `gravity` are so small that neighbours alone determine which segments point the same way; the two only
+    choose between the two signs of a mass of hair. If stronger, they would reverse parts of it, such as hair that rises
+    at the root before it falls."""
     gravity: Annotated[float, Between(0, 1e6)] = 1.5e-5
-    """Pull to point downwards."""
+    """Weight of pointing downwards."""
     stroke: Annotated[float, Between(0, 1e6)] = 100.0
-    """Pull of a stroke."""
+    """Weight of following a stroke."""
     stroke_reach: Annotated[float, Between(0.01, 1000)] = 10.0
     """Distance up to which a stroke pulls."""
 
@@ -57,7 +60,7 @@ def orient_segments(
     config: GrowthConfig,
     up: tuple[float, float, float] = (0.0, 1.0, 0.0),
 ) -> LineSegments:
-    """Turn every segment so that it runs from root to tip; its points are reversed with it.
+    """Sign every segment so that it runs from root to tip; the points of reversed segments are reversed too.
 
     Args:
         segments: chains whose directions follow their points.
@@ -66,7 +69,7 @@ def orient_segments(
             away from the shoulders would be upwards.
         strokes: polylines drawn from root to tip, metres.
         config: weights.
-        up: against gravity, in world axes.
+        up: direction opposite to gravity, in world axes.
     """
     if len(segments) == 0:
         return segments
@@ -92,7 +95,8 @@ def orient_segments(
     ties = coo_matrix((coupling, (first, second)), shape=(count, count)).tocsr()
     ties = ties + ties.T
     diagonal = np.asarray(abs(ties).sum(axis=1)).ravel() + anchored + 1e-9
-    # With anchors this weak a large capture runs to the last iteration; signs settle long before values.
+    # With such weak anchors the solver reaches its last iteration on large captures, but signs settle long before
+    # values.
     sign, _ = cg(diags(diagonal) - ties, anchor, rtol=1e-10, maxiter=1000, M=diags(1 / diagonal))
     return flip_segments(segments, torch.from_numpy(sign < 0).to(segments.points.device))
 
@@ -112,14 +116,14 @@ def flip_segments(segments: LineSegments, flip: Tensor) -> LineSegments:
 
 
 def _spacing(points: np.ndarray, owner: np.ndarray) -> float:
-    """Median distance of a segment's neighbouring points."""
+    """Median distance between neighbouring points of the same segment."""
     same = owner[1:] == owner[:-1]
     steps = np.linalg.norm(np.diff(points, axis=0), axis=-1)[same]
     return float(np.median(steps)) if len(steps) else 1.0
 
 
 def _away_from_head(segments: LineSegments, head: Mesh, config: GrowthConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors away from the head, and the strength of their pull."""
+    """Unit vectors away from the head, and the weights of their anchors."""
     size = float((head.vertices.amax(0) - head.vertices.amin(0)).norm())
     found = signed_distance(segments.points.float(), head)
     strength = config.scalp * torch.exp(-found.distance.abs() / (config.scalp_reach * size))
@@ -129,7 +133,7 @@ def _away_from_head(segments: LineSegments, head: Mesh, config: GrowthConfig) ->
 def _near_stroke(
     points: np.ndarray, stroke: np.ndarray, config: GrowthConfig, spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Direction of the nearest piece of a stroke, and the strength of its pull."""
+    """Direction of the nearest piece of a stroke, and the weights of its anchors."""
     steps = np.linalg.norm(np.diff(stroke, axis=0), axis=-1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     fine = np.linspace(0.0, arc[-1], max(2, math.ceil(arc[-1] / spacing) + 1))
@@ -144,7 +148,7 @@ def _near_stroke(
 def _couplings(
     points: np.ndarray, lines: np.ndarray, owner: np.ndarray, spacing: float, config: GrowthConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of segments and the weight of their having the same (positive) or the opposite sign."""
+    """Pairs of segments, and the weight of their having equal (positive) or opposite (negative) signs."""
     reach = config.reach * spacing
     tree = KDTree(points)
     chosen = np.arange(0, len(points), 2)

@@ -1,4 +1,4 @@
-"""A digest of the inputs of a view's results: a folder of results is reused only while it is the same."""
+"""A digest of everything that per-view results depend on; stored results are reused only while it stays the same."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -15,9 +15,9 @@ def inputs_digest(views: Views, head: Mesh | None, settings: Iterable[object]) -
     """Digest of photographs, masks, cameras, head, settings and this program's version.
 
     Args:
-        views: every photograph is read once, one at a time.
+        views: the views; photographs are read one at a time.
         head: the head, if it is known.
-        settings: anything else that changes results, distinguishable by its `repr`.
+        settings: everything else that affects results, distinguishable by its `repr`.
     """
     digest = hashlib.sha256(repr([__version__, *settings]).encode())
     for index, camera in enumerate(views.cameras):
@@ -31,7 +31,7 @@ def inputs_digest(views: Views, head: Mesh | None, settings: Iterable[object]) -
 
 
 def _add(digest: "hashlib._Hash", tensors: Sequence[Tensor]) -> None:
-    """Add shapes and values."""
+    """Add the shapes and values of tensors to a digest."""
     for tensor in tensors:
         digest.update(repr(tuple(tensor.shape)).encode())
         digest.update(np.ascontiguousarray(tensor.detach().cpu().numpy()).data)

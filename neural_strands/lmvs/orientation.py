@@ -1,8 +1,8 @@
 """2D orientation of hair in an image and its confidence, by an oriented filter bank (after Paris et al. 2008).
 
 Angles are in [0, pi), from the image's x axis towards its y axis (down). The response at an angle is the energy of a
-quadrature pair of Gabor filters, averaged over a small window: strands here are thinner than a pixel, so the filters
-see streaks of any phase, and the even filter alone would lose half of them.
+quadrature pair of Gabor filters, averaged over a small window: strands are thinner than a pixel, so streaks have any
+phase, and the even filter alone would miss half of them.
 """
 
 import functools
@@ -48,8 +48,8 @@ class OrientationMap:
     """Orientation per pixel.
 
     Attributes:
-        angle: in [0, pi).
-        confidence: 1 - V / (pi^2 / 12) in [0, 1], V the variance of the response about its peak; 0 if isotropic.
+        angle: orientation, in [0, pi).
+        confidence: 1 - V / (pi^2 / 12), in [0, 1], with V the variance of the response around its peak; 0 if isotropic.
         energy: response at the peak, in units of luma.
     """
 
@@ -91,7 +91,7 @@ def gaussian_blur(image: Float[Tensor, "*batch height width"], sigma: float) -> 
     height, width = image.shape[-2:]
     flat = image.reshape(-1, 1, height, width)
     padded = torch.nn.functional.pad(flat, (radius, radius, radius, radius), mode="replicate")
-    # Sums of shifted images, because the CPU convolution of one channel is several times slower.
+    # Shifted images are summed because torch's CPU convolution of one channel is several times slower.
     rows = padded[..., :width] * weights[0]
     for shift, weight in enumerate(weights[1:], start=1):
         rows.add_(padded[..., shift : shift + width], alpha=weight)
@@ -102,7 +102,7 @@ def gaussian_blur(image: Float[Tensor, "*batch height width"], sigma: float) -> 
 
 
 def angle_difference(first: Float[Tensor, "*batch"], second: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """Distance between orientations, pi-periodic, in [0, pi / 2]."""
+    """Distance between orientations (pi-periodic), in [0, pi / 2]."""
     difference = (first - second).remainder(math.pi)
     return torch.minimum(difference, math.pi - difference)
 
@@ -113,8 +113,8 @@ def _filter_bank(
 ) -> Float[Tensor, "angle height width"]:
     """Spectra of complex Gabor filters (even part real, odd part imaginary), of unit gain at the carrier.
 
-    A Gaussian window of standard deviations (along, across) on a carrier across the line has for a spectrum a Gaussian
-    of standard deviations 1 / (2 pi along), 1 / (2 pi across) about the carrier's frequency.
+    The spectrum of a Gaussian window with standard deviations (along, across), times a carrier across the line, is a
+    Gaussian with standard deviations 1 / (2 pi along), 1 / (2 pi across) around the carrier's frequency.
     """
     y, x = torch.meshgrid(torch.fft.fftfreq(size[0]), torch.fft.fftfreq(size[1]), indexing="ij")
     bank = []
@@ -127,7 +127,7 @@ def _filter_bank(
 
 
 def _peak(response: Float[Tensor, "angle height width"]) -> OrientationMap:
-    """Peak of the response by a parabola through its highest three angles, and the variance about it."""
+    """Peak of the response, by a parabola through its maximum and two neighbours, and the variance around it."""
     count = len(response)
     step = math.pi / count
     index = response.argmax(dim=0, keepdim=True)

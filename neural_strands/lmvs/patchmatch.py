@@ -1,8 +1,8 @@
 """Line PatchMatch: a depth and a 3D direction for every hair pixel of a view (Nam et al. 2019, section 4).
 
 Each pixel's hypothesis is a 3D line through a point on its ray. It starts from a sweep of depths, with the direction on
-which the 2D orientations of the views agree. It then adopts the lines of neighbours and perturbs its own, in red and
-black half sweeps, coarse to fine. A line is compared between views along itself and a few pixels to both sides.
+which the views' 2D orientations agree. The pixel then adopts lines of neighbours and perturbs its own, in red-black
+half sweeps, coarse to fine. Views are compared along the line and a few pixels to either side.
 """
 
 import math
@@ -24,14 +24,14 @@ from neural_strands.lmvs.orientation import gaussian_blur
 from neural_strands.lmvs.search_range import Bounds
 
 CROSS = ((0, -1), (0, 1), (-1, 0), (1, 0))
-"""Red-black neighbours of a pixel, in steps of the level."""
+"""Nearest neighbours of a pixel, all of the other colour (red-black), in steps of the level."""
 KNIGHT = ((0, -3), (0, 3), (-3, 0), (3, 0))
 """Further neighbours, also of the other colour."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """One step from coarse to fine."""
+    """Settings of one level, from coarse to fine."""
 
     stride: Annotated[int, Between(1, 64)]
     """Spacing of the pixels that are solved, in x and y."""
@@ -66,7 +66,7 @@ LEVELS = (
 
 @dataclass(frozen=True)
 class PatchMatchConfig:
-    """The search."""
+    """Settings of the search."""
 
     levels: tuple[Level, ...] = LEVELS
     """Coarse to fine."""
@@ -75,12 +75,12 @@ class PatchMatchConfig:
     smooth: Annotated[float, Between(0, 100)] = 1.0
     """Standard deviation over which the first sweep's costs are averaged between pixels, in strides of the first level.
 
-    A single ribbon of sub-pixel hair says little about depth; a neighbourhood agrees on the surface of the hair to
-    within a few millimetres."""
+    A single ribbon of sub-pixel hair hardly determines depth; a neighbourhood locates the surface of the hair to within
+    a few millimetres."""
     sink: Annotated[float, Between(0, 1)] = 0.05
-    """Cost of the largest depth behind the hull's surface; hair seen through a gap is the rarer case."""
+    """Cost added at the largest depth behind the hull's surface: hair seen deep through a gap is rare."""
     shallow: Annotated[float, Between(0, 1)] = 0.2
-    """Share of that depth which costs nothing."""
+    """Share of that depth without added cost."""
     intensity: Annotated[float, Between(0, 1)] = 0.5
     """Weight of 1 - NCC against the orientation's cost."""
     best: Annotated[int, Between(1, MOST_NEIGHBOURS)] = 6
@@ -106,7 +106,7 @@ class LineMap:
 
 @dataclass(frozen=True)
 class _Stack:
-    """Reference and neighbours in the form that kernels take."""
+    """Reference and neighbours in the form that kernels read."""
 
     texture: Float[Tensor, "view height width 4"]
     projection: Float[Tensor, "view 4 4"]
@@ -123,13 +123,26 @@ def match_lines(
     config: PatchMatchConfig,
     seed: int,
 ) -> LineMap:
-    """Find the lines of the pixels of a view, given the search range of each ray (at most `thickness` metres)."""
+    """Find the lines of the pixels of a view.
+
+    Args:
+        reference: the view.
+        neighbours: the other views; at most `MOST_NEIGHBOURS` of them are used.
+        pixel: columns and rows of hair pixels.
+        bounds: search range of each pixel's ray.
+        thickness: largest length of a search range, metres.
+        config: settings of the search.
+        seed: seed of the perturbations.
+
+    Returns:
+        The lines of all pixels for which one was found.
+    """
     views = _stack([reference, *neighbours[:MOST_NEIGHBOURS]])
     ray = reference.camera.rays(pixel.float() + 0.5)
     depth, direction = torch.zeros_like(bounds.near), torch.zeros_like(ray)
     cost = torch.full_like(bounds.near, 4.0)
     if not on_grid(pixel, config.levels[0].stride, config).any():
-        # A mask of a few pixels: nothing to begin with.
+        # The mask has too few pixels for the coarsest level.
         return LineMap(pixel[:0], depth[:0], direction[:0], cost[:0])
     previous = None
     for level in config.levels:
@@ -152,7 +165,7 @@ def match_lines(
 
 
 def on_grid(pixel: Int64[Tensor, "point 2"], stride: int, config: PatchMatchConfig) -> Bool[Tensor, " point"]:
-    """Which pixels a level of this stride solves; each level's pixels are among the next one's."""
+    """Mark the pixels that a level of this stride solves; each level's pixels are a subset of the next one's."""
     first = min(level.stride for level in config.levels) // 2
     return ((pixel % stride) == first).all(dim=1)
 
@@ -169,12 +182,12 @@ class _Part:
 
     @property
     def footprint(self) -> float:
-        """Width in metres of a pixel at the hair."""
+        """Width of a pixel at the hair, metres."""
         return float(self.bounds.near.median()) * self.angle if len(self.ray) else 1.0
 
 
 def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
-    """The inputs of every kernel from the views, in this order."""
+    """The inputs from the views that every kernel takes, in this order."""
     count, level = len(views.texture) - 1, part.level
     patch = Patch()
     patch.along, patch.across, patch.step = level.along, level.across, level.step
@@ -192,7 +205,7 @@ def _scene(views: _Stack, part: _Part, config: PatchMatchConfig) -> list:
 def _surface(
     views: _Stack, part: _Part, offset: Float[Tensor, " depth"], config: PatchMatchConfig
 ) -> Float[Tensor, " point"]:
-    """Depth of the surface on which each pixel's neighbourhood agrees."""
+    """Sweep depths, and return for each pixel the depth on which its neighbourhood agrees."""
     cost = torch.zeros(len(part.ray), len(offset), device=part.ray.device)
     rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
     limits = [launches.array(part.bounds.near), launches.array(part.bounds.far), launches.array(offset)]
@@ -231,7 +244,7 @@ def _improve(
     seed: int,
     state: tuple[Tensor, Tensor, Tensor],
 ) -> None:
-    """Red and black half sweeps of one level; `state` (depth, direction, cost) is changed in place."""
+    """Run the red-black half sweeps of one level; `state` (depth, direction, cost) is updated in place."""
     level = part.level
     results = [launches.array(state[0]), launches.array(state[1], wp.vec3), launches.array(state[2])]
     rays = [launches.array(part.ray, wp.vec3), launches.array(part.bounds.normal, wp.vec3)]
@@ -272,7 +285,7 @@ def _stack(features: Sequence[Features]) -> _Stack:
 
 
 def _adjacency(pixel: Int64[Tensor, "point 2"], stride: int) -> Tensor:
-    """Indices (int32) of each pixel's neighbours in the level's grid, -1 where there is none."""
+    """Indices (int32) of each pixel's neighbours in the level's grid, -1 if there is none."""
     cell = torch.div(pixel, stride, rounding_mode="floor") + 3
     width, height = (int(v) + 4 for v in cell.amax(dim=0)) if len(cell) else (4, 4)
     index = torch.full((height, width), -1, dtype=torch.int32, device=pixel.device)
@@ -297,7 +310,7 @@ def _nearest_solved(pixel: Tensor, solved: Tensor, stride: int) -> Int64[Tensor,
 
 
 def _take_over(ray: Tensor, chosen: Tensor, previous: Tensor, source: Tensor, depth: Tensor, direction: Tensor) -> None:
-    """Give each chosen pixel the line of its coarse neighbour; pixels without one get the median depth."""
+    """Initialise each chosen pixel with the line of its coarse neighbour; pixels without one get the median depth."""
     own = ray[chosen]
     with_source = previous[source.clamp(min=0)]
     line, base = direction[with_source], ray[with_source] * depth[with_source, None]

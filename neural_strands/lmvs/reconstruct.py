@@ -1,4 +1,4 @@
-"""Line-based multi-view stereo from end to end: views in, line segments out (paper, Data Preparation)."""
+"""Line-based multi-view stereo from end to end: from views to line segments (paper, "Data Preparation")."""
 
 import logging
 import math
@@ -36,7 +36,7 @@ from neural_strands.lmvs.view_cache import ViewCache
 log = logging.getLogger(__name__)
 
 NOBODY = 0.1
-"""Votes of a guess before any view votes for it."""
+"""Votes added to every guess, so that the matching cost ranks those without any vote."""
 
 Complete = Literal["auto", "always", "never"]
 """When gaps are filled with guesses."""
@@ -44,47 +44,48 @@ Complete = Literal["auto", "always", "never"]
 
 @dataclass(frozen=True)
 class LmvsConfig:
-    """All settings; lengths follow the pixel footprint, so defaults hold at any scale."""
+    """All settings of the stereo; most lengths are in pixel footprints, so that the defaults hold at any scale."""
 
     orientation: OrientationConfig = field(default_factory=OrientationConfig)
-    """2D orientation."""
+    """Orientation in the images."""
     patchmatch: PatchMatchConfig = field(default_factory=PatchMatchConfig)
-    """Lines of a view."""
+    """Matching the lines of a view."""
     chains: ChainConfig = field(default_factory=ChainConfig)
-    """Segments."""
+    """Joining lines into segments."""
     least_baseline: Annotated[float, Between(0, 180)] = 8.0
     """Smallest angle between neighbour views, seen from the hair, degrees."""
     thickness: Annotated[float, Between(0.001, 10)] = 0.3
-    """Search depth behind the hull's surface, as a share of the radius in which hair is seen."""
+    """Search depth behind the hull's surface, as a share of the radius of the hair's region."""
     voxel: Annotated[float, Between(0.5, 1000)] = 3.0
     """Voxel of the hull, pixel footprints."""
     confirming: Annotated[float, Between(0, 100)] = 2.0
-    """Other views that must confirm a line; each counts from 1 (the same line) to 0 (off by the limits below)."""
+    """Number of other views that must confirm a line; each counts from 1 (the same line) to 0 (at the limits below)."""
     distance: Annotated[float, Between(0.01, 1000)] = 6.0
-    """Within what distance, pixel footprints."""
+    """Largest distance between lines that confirm each other, pixel footprints."""
     angle: Annotated[float, Between(0, 90)] = 25.0
-    """Within what angle, degrees."""
+    """Largest angle between lines that confirm each other, degrees."""
     complete: Complete = "auto"
-    """Whether lines that no other view confirms fill the gaps between those that are. `auto`: where confirmed segments
-    reach less than `filled` of the room for hair. Never without masks, because much of what is seen is not hair."""
+    """Whether lines that no other view confirms fill the gaps between those that are. `auto`: if confirmed segments
+    reach less than `filled` of the space for hair. Without masks they never do, because much of what is seen is not
+    hair."""
     filled: Annotated[float, Between(0, 1)] = 1 / 3
-    """Share of the room that masks and head leave for hair which confirmed segments should reach."""
+    """Share of the space that masks and head leave for hair that confirmed segments should reach."""
     reach: Annotated[float, Between(1e-6, 1)] = 3e-3
-    """Distance within which a segment reaches a position, metres: the largest thickness of hair above it."""
+    """Distance up to which a segment reaches a position, metres: the largest thickness of hair above it."""
     gap: Annotated[float, Between(0.1, 1000)] = 3.0
     """Cells of this size, pixel footprints, that hold no confirmed line take the best unconfirmed one."""
     dropped: Annotated[float, Between(0, 1)] = 0.25
-    """Share of these guesses, the worst, that is dropped."""
+    """Share of these guesses that is dropped, the worst first."""
     apart: Annotated[float, Between(0, 1)] = 0.03
-    """Without masks: distance at which masses of segments are separate, as a share of the radius in which hair is
-    seen."""
+    """Without masks: distance beyond which masses of segments are separate, as a share of the radius of the hair's
+    region."""
     speck: Annotated[float, Between(0, 1)] = 0.15
     """Without masks: a mass with less than this share of the points of the largest is not hair."""
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """Data shared by the matching of all views."""
+    """Data shared by the matching of all views: hull, head and silhouettes."""
 
     region: Region
     hull: SmoothHull
@@ -102,19 +103,19 @@ def reconstruct(
     folder: Path | None = None,
     track: Callable[[Iterable[int], str, int], Iterable[int]] = lambda items, _text, _total: items,
 ) -> LineSegments:
-    """Reconstruct line segments, directions unsigned.
+    """Reconstruct line segments; their directions are unsigned.
 
     Args:
-        views: two or more; those that show no hair are left out with a warning.
+        views: two or more; those that show no hair are skipped with a warning.
         head: the head in the same frame, if known; hair is not searched inside it.
         config: settings.
-        generator: of every random choice.
-        folder: keeps each view's lines, so that a stopped run continues unless photographs, cameras, head or settings
-            have changed, which is reported; None keeps nothing.
-        track: shows progress over an iterable, given what is done and how many there are.
+        generator: source of every random choice.
+        folder: stores each view's lines, so that a stopped run continues; if photographs, cameras, head or settings
+            have changed, this is reported and it starts anew. None stores nothing.
+        track: shows progress over an iterable, given a label and the number of items.
 
     Raises:
-        InputError: fewer than two views show hair, or the head is of another scale.
+        InputError: fewer than two views show hair, or the head has another scale.
     """
     if len(views) < 2:
         raise InputError(f"expected at least two views to match lines between, found {len(views)}; add photographs.")
@@ -146,7 +147,7 @@ def reconstruct(
 
 
 def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, config: LmvsConfig) -> bool:
-    """Whether guesses should complete confirmed segments; logs the decision if the capture determines it."""
+    """Whether guesses should complete confirmed segments; logs the decision if it is `auto`."""
     if config.complete != "auto":
         return config.complete == "always"
     if not in_metres(scene.region):
@@ -162,18 +163,18 @@ def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, confi
 
 
 def _room(hull: SmoothHull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
-    """Points spread evenly over the hull outside the head; `most` before those inside are removed."""
+    """Points spread evenly over the hull outside the head; at most `most`, counted before those inside are removed."""
     nodes = hull.nodes()[:most]
     return nodes if head is None else nodes[signed_distance(nodes, head).distance > 0]
 
 
 def _of_views(config: LmvsConfig, seed: int) -> list[object]:
-    """The settings on which the lines of a view depend; fusion is repeated at every run."""
+    """The settings on which the stored lines of a view depend; fusion is repeated in every run."""
     return [config.orientation, config.patchmatch, config.least_baseline, config.thickness, config.voxel, seed]
 
 
 def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, cache: ViewCache) -> list[int]:
-    """Leave out, with a warning, the views whose camera lies inside the head or is in another unit than the others."""
+    """Skip, with a warning, the views whose camera lies inside the head or has another unit than the others."""
     if head is not None and good:
         centres = torch.stack([cameras[i].position for i in good])
         inside = (signed_distance(centres, head).distance < 0).tolist()
@@ -190,7 +191,7 @@ def _well_placed(cameras: Sequence[Camera], good: list[int], head: Mesh | None, 
 
 
 def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig, cache: ViewCache) -> _Scene:
-    """Find where the hair is, and carve its hull."""
+    """Locate the hair and carve its hull."""
     cameras = [views.cameras[i] for i in good]
     masked = any(views.has_hair_mask[i] for i in good)
     region = find_region(cameras, [cache.features(i).box for i in good], masked)
@@ -205,7 +206,7 @@ def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig
 
 
 def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
-    """The views nearest to a view in angle, but not nearer than the smallest baseline."""
+    """The views nearest to a view in angle, excluding those below the least baseline, `least` degrees."""
     direction = torch.stack(
         [torch.nn.functional.normalize(camera.position - region.centre, dim=0) for camera in cameras]
     )
@@ -215,7 +216,7 @@ def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Regi
 
 
 def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:
-    """Lines of one view."""
+    """Match the lines of one view."""
     reference = cache.features(i)
     pixel = torch.nonzero(reference.hair).flip(1)
     stride = min(level.stride for level in config.patchmatch.levels)
@@ -223,7 +224,7 @@ def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], confi
     rays = reference.camera.rays(pixel.float() + 0.5)
     settings, thickness = config.patchmatch, config.thickness * scene.region.radius
     if not scene.masked:
-        # Without a hull the whole ball is searched, and depth in it says nothing.
+        # Without a hull the whole sphere is searched, and depth within it carries no prior.
         settings, thickness = replace(settings, sink=0.0), 2 * scene.region.radius
     head = head_distance(reference.camera, rays, scene.head)
     bounds = ray_bounds(reference.camera, rays, head, scene.hull, scene.region, thickness)
@@ -235,7 +236,7 @@ def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], confi
 def _fuse(
     cache: ViewCache, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
 ) -> tuple[OrientedPoints, OrientedPoints]:
-    """Lines of a view that other views confirm, and guesses: the best unconfirmed line in each cell."""
+    """Split a view's lines into those that other views confirm and guesses: the best unconfirmed line per cell."""
     lines = cache.lines(i)
     points = line_points(cameras[i], lines)
     kept = possible_points(points, scene.silhouettes)
@@ -249,7 +250,7 @@ def _fuse(
     view = torch.full_like(fit, i, dtype=torch.int64)
     sure = votes >= min(config.confirming, 0.5 * len(near))
     confirmed = OrientedPoints(points, directions, fit * (votes / len(near)).sqrt().clamp(max=1), view).select(sure)
-    # The small vote that all lines have lets the matching cost rank lines without other votes.
+    # The vote added to all lines lets the matching cost rank those without other votes.
     guesses = OrientedPoints(points, directions, fit * ((votes + NOBODY) / len(near)).sqrt(), view).select(~sure)
     if config.complete == "never" or not scene.masked:
         return confirmed, guesses.select(view[:0])

@@ -1,4 +1,4 @@
-"""Plain torch twins of the kernels' functions: slow; tests compare the kernels with them."""
+"""Plain torch versions of the kernels' functions, short and slow, against which tests check the kernels."""
 
 import math
 from typing import Any
@@ -17,7 +17,7 @@ def line_cost_reference(
     footprint: Float[Tensor, " line"],
     patch: Any,
 ) -> Float[Tensor, " line"]:
-    """Cost of lines, as `ribbon_kernels.line_cost`; `patch` is a `Patch`."""
+    """Cost of lines, like `lmvs.kernels.ribbons.line_cost`; `patch` is a `Patch`."""
     origin, motion = _seen(projection[0], point, 1.0), _seen(projection[0], direction, 0.0)
     speed = (motion[:, :2] * origin[:, 2:] - origin[:, :2] * motion[:, 2:]).norm(dim=-1) / origin[:, 2] ** 2
     along = direction * (patch.step * torch.minimum(1 / speed.clamp(min=1e-9), 2 * footprint))[:, None]
@@ -60,7 +60,7 @@ def mean_line_reference(
     radius: float,
     degrees: float,
 ) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"], float]:
-    """Shifted place, mean direction and weight about it, as `chain_kernels.mean_line`."""
+    """Shifted position, mean direction and weight around it, like `lmvs.kernels.chains.mean_line`."""
     offset = points - place
     square = (offset**2).sum(-1)
     cosine = directions @ direction
@@ -81,14 +81,14 @@ def _seen(projection: Tensor, point: Tensor, weight: float) -> Tensor:
 
 
 def _doubled(image: Tensor, motion: Tensor) -> Float[Tensor, "line 2"]:
-    """Cosine and sine of twice the angle at which a line is seen."""
+    """Cosine and sine of twice the image angle of a line."""
     x, y = (motion[:, axis] * image[:, 2] - image[:, axis] * motion[:, 2] for axis in (0, 1))
     angle = 2 * torch.atan2(y, x)
     return torch.stack([torch.cos(angle), torch.sin(angle)], dim=-1)
 
 
 def _sample(texture: Tensor, projection: Tensor, sample: Tensor) -> tuple[Tensor, Tensor]:
-    """Bilinear values at the projections of points, and which of them the view sees."""
+    """Bilinear values at the projections of points, and whether the view sees them."""
     height, width = texture.shape[:2]
     image = _seen(projection, sample, 1.0)
     pixel = image[..., :2] / image[..., 2:]

@@ -1,4 +1,4 @@
-"""The ball of the world that the cameras look for hair in."""
+"""The sphere in which hair is searched."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 MOST_NODES = 12_000_000
-"""Of the grid over the region, whatever its spacing is asked to be."""
+"""Largest number of nodes of the grid over the region, whatever spacing is requested."""
 
 
 @dataclass(frozen=True)
@@ -20,42 +20,49 @@ class Region:
     """The part of the world in which hair is searched.
 
     Attributes:
-        centre: of a sphere, metres.
-        radius: of the sphere, metres.
+        centre: centre of the sphere, world metres.
+        radius: radius of the sphere, metres.
     """
 
     centre: Float[Tensor, "3"]
     radius: float
 
     def grid(self, spacing: float, most: int = MOST_NODES) -> VoxelGrid:
-        """A grid over the cube about the ball; `spacing` (metres) grows until there are at most `most` nodes."""
+        """A grid over the cube around the sphere; `spacing` (metres) grows until there are at most `most` nodes."""
         spacing = max(min(spacing, self.radius / 64), 2 * self.radius / most ** (1 / 3))
         nodes = math.ceil(2 * self.radius / spacing) + 1
         x, y, z = (self.centre - self.radius).tolist()
         return VoxelGrid((x, y, z), spacing, (nodes, nodes, nodes))
 
     def holds(self, grid: VoxelGrid) -> Bool[Tensor, "x y z"]:
-        """Which nodes of its grid lie in the ball."""
+        """Mark the nodes of its grid that lie in the sphere."""
         square = (torch.arange(grid.shape[0], device=self.centre.device) * grid.spacing - self.radius) ** 2
         return square[:, None, None] + square[:, None] + square < self.radius**2
 
 
 def find_region(cameras: Sequence[Camera], hairs: Sequence[Tensor], masked: bool = True) -> Region:
-    """Sphere around the point to which the optical axes through the hair come closest, as large as the hair is seen.
+    """Locate the sphere that contains the hair.
+
+    Its centre is the point to which the viewing rays through the hair's middle come closest.
 
     Args:
         cameras: at least two.
-        hairs: per camera, the pixels (x, y) between which hair is seen: left, top, right, bottom.
-        masked: whether these come from masks; if not, some may be far too large, and the median counts.
+        hairs: bounding box of the hair in each camera, pixels: left, top, right, bottom.
+        masked: whether the boxes come from masks; if not, some may be far too large, and the median radius is used.
     """
     centre, radius = seen_radii(cameras, hairs)
     return Region(centre, 1.05 * (max(radius) if masked else sorted(radius)[len(radius) // 2]))
 
 
 def seen_radii(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> tuple[Float[Tensor, "3"], list[float]]:
-    """Point to which the optical axes through the hair come closest, and the hair's size there for each camera, metres.
+    """Find the point to which the viewing rays through the hair's middle come closest, and the hair's size there.
 
-    Args: as those of `find_region`.
+    Args:
+        cameras: at least two.
+        hairs: bounding box of the hair in each camera, pixels: left, top, right, bottom.
+
+    Returns:
+        The point, and the radius of the hair in each camera, metres.
     """
     device = cameras[0].intrinsics.device
     system, right = torch.zeros(3, 3, device=device), torch.zeros(3, device=device)

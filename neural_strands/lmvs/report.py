@@ -1,4 +1,4 @@
-"""The pictures of a reconstruction, for a few views, in one folder."""
+"""Pictures of a reconstruction, for a few views."""
 
 from pathlib import Path
 
@@ -16,7 +16,14 @@ SHOWN = 4
 
 
 def write_report(views: Views, head: Mesh | None, segments: LineSegments, out: Path) -> None:
-    """Write OUT/report from OUT/work: orientation, depth, and segments over the photograph."""
+    """Write pictures to `out / "report"`: orientation, depth, and segments over the photograph.
+
+    Args:
+        views: the views that were reconstructed.
+        head: the head, if known; it hides segments behind it.
+        segments: the result.
+        out: folder of the reconstruction; the lines of the views are read from its `work`.
+    """
     cache = ViewCache(out / "work", views, OrientationConfig())
     solved = [i for i in range(len(views)) if cache.has_lines(i)]
     for i in solved[:: max(1, len(solved) // SHOWN)][:SHOWN]:

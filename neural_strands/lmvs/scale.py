@@ -15,14 +15,14 @@ log = logging.getLogger(__name__)
 SMALLEST, LARGEST = 0.05, 3.0
 """Smallest and largest extent of a head or hair, metres: from a doll's head to a body with hair to the ground."""
 RATIO = 5.0
-"""A camera whose scale differs from the others by this factor is in another unit."""
+"""A camera whose scale differs from the others' by this factor has another unit."""
 
 
 def check_head_size(head: Mesh | None) -> None:
     """Reject a head whose size in metres is implausible.
 
     Raises:
-        InputError: its longest side is not that of a head or of a body.
+        InputError: its longest side is not plausible for a head or a body.
     """
     if head is None:
         return
@@ -35,18 +35,18 @@ def check_head_size(head: Mesh | None) -> None:
 
 
 def in_metres(region: Region) -> bool:
-    """Whether what the cameras see has the size of hair in metres."""
+    """Whether the region that the cameras see has the size of hair in metres."""
     return SMALLEST <= 2 * region.radius <= LARGEST
 
 
 def of_one_scale(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> list[bool]:
-    """The cameras that are as far from the hair as the others; cameras much farther away are named in a warning.
+    """Whether each camera is about as far from the hair as the others; much farther ones are named in a warning.
 
     A camera that is much too near lies inside the head, or is a close-up of part of the hair.
 
     Args:
         cameras: at least two.
-        hairs: per camera, the pixels between which hair is seen: left, top, right, bottom.
+        hairs: bounding box of the hair in each camera, pixels: left, top, right, bottom.
     """
     _, radii = seen_radii(cameras, hairs)
     common = sorted(radii)[(len(radii) - 1) // 2]
@@ -64,7 +64,7 @@ def of_one_scale(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> list[boo
 
 
 def check_scene(region: Region, head: Mesh | None) -> None:
-    """Compare the hair that cameras see with the head or, without one, with the usual size of hair.
+    """Compare the region of hair with the head or, without one, with the usual size of hair.
 
     Without a head, an implausible size is only a warning: a calibration from photographs alone has no unit, and all
     lengths here follow the pixel footprint.

@@ -1,4 +1,4 @@
-"""Where along each ray hair can be: from the surface of the hull inwards, as far as the head."""
+"""The part of each ray on which hair can lie: from the surface of the hull inwards, as far as the head."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,8 @@ class SmoothHull:
     """A visual hull whose surface lies where its occupancy is one half.
 
     Attributes:
-        grid: where its nodes lie.
-        occupancy: in [0, 1].
+        grid: the positions of its nodes.
+        occupancy: values at the nodes, in [0, 1].
     """
 
     grid: VoxelGrid
@@ -35,7 +35,7 @@ class SmoothHull:
         return cls(grid, occupancy[0, 0].contiguous())
 
     def nodes(self) -> Float[Tensor, "node 3"]:
-        """Positions of the nodes inside, metres, in no order: a stride through them is a fair sample."""
+        """Positions of the nodes inside, metres, in random order, so that any prefix is an unbiased sample."""
         inside = torch.nonzero(self.occupancy > 0.5)
         mixed = torch.randperm(len(inside), generator=torch.Generator().manual_seed(0)).to(inside.device)
         origin = self.occupancy.new_tensor(self.grid.origin)
@@ -47,8 +47,8 @@ class Bounds:
     """The search range of a ray.
 
     Attributes:
-        near: distance from the camera's centre to the hull, metres; negative where the ray misses it.
-        far: where the search ends, metres.
+        near: distance from the camera's centre to the hull, metres; negative if the ray misses it.
+        far: distance at which the search ends, metres.
         normal: outward unit normal of the hull, turned a little towards the camera.
     """
 
@@ -69,7 +69,16 @@ def ray_bounds(
     region: Region,
     thickness: float,
 ) -> Bounds:
-    """Where each ray enters the hull, and where it stops: at the head, or `thickness` metres further."""
+    """Find where each ray enters the hull, and where its search ends.
+
+    Args:
+        camera: the view.
+        rays: unit directions of the pixels' rays, world axes.
+        head: distance to the head along each ray, metres, at which the search ends; infinite if the ray misses it.
+        hull: the carved hull.
+        region: the sphere in which hair is searched.
+        thickness: largest length of a search range, metres.
+    """
     distance = float((camera.position - region.centre).norm())
     near = torch.full_like(head, -1.0)
     normal = -rays.clone()

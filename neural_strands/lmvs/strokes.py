@@ -1,4 +1,4 @@
-"""Growth strokes of a user: polylines from root to tip, in world metres or drawn on a view."""
+"""Growth strokes drawn by a user: polylines from root to tip, in world metres or in pixels of a view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 
 FIRST_HIT = 0.1
-"""Quantile of the depths around a stroke's pixel that is taken as the depth of the hair."""
+"""Quantile of the depths around a stroke's pixel that serves as the depth of the hair."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class Stroke:
 
     Attributes:
         points: world metres, or pixels of the camera; root first.
-        camera: the view that it was drawn on, if it was drawn on one.
-        written: its points in the file, for messages.
+        camera: the view that it was drawn on, or None for world metres.
+        written: its points as read from the file, for error messages.
     """
 
     points: Float[Tensor, "point axis"]
@@ -34,11 +34,11 @@ class Stroke:
 def read_strokes(path: Path, cameras: Sequence[Camera]) -> list[Stroke]:
     """Read strokes from JSON.
 
-    The file holds a list of {"points": [[x, y, z], ...]} in world metres, or
-    {"view": NAME, "points": [[x, y], ...]} in pixels of that view.
+    The file contains a list of {"points": [[x, y, z], ...]} in world metres, or {"view": NAME, "points": [[x, y], ...]}
+    in pixels of that view.
 
     Raises:
-        InputError: the file cannot be read, holds something else, or names no view of the capture.
+        InputError: the file cannot be read, has other contents, or names a view that is not in the capture.
     """
     document = read_json(path, "a list of strokes", 'write each as {"points": [[x, y, z], ...]}, or with "view"')
     return [_stroke(entry, cameras) for entry in document.elements()]
@@ -60,13 +60,13 @@ def _stroke(entry: JsonValue, cameras: Sequence[Camera]) -> Stroke:
 
 
 def lift_stroke(stroke: Stroke, segments: LineSegments) -> Float[Tensor, "point 3"]:
-    """Give a stroke drawn on a view the depth of the nearest segments around its pixels.
+    """Lift a stroke drawn on a view to the depth of the nearest segments around its pixels.
 
     Returns:
         The stroke in world metres.
 
     Raises:
-        InputError: the stroke lies beside the hair.
+        InputError: fewer than two of its points lie on the hair.
     """
     camera = stroke.camera
     if camera is None:

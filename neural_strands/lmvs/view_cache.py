@@ -19,11 +19,11 @@ from neural_strands.lmvs.patchmatch import LineMap
 log = logging.getLogger(__name__)
 
 KEPT = 12
-"""Views whose arrays stay in memory: a reference, its eight neighbours, and some that the next reference shares."""
+"""Number of views kept in memory: a reference, its eight neighbours, and some that the next reference shares."""
 LEAST_CONFIDENCE = 0.02
-"""A view whose hair has a lower mean confidence of orientation is left out."""
+"""A view whose hair has a lower mean confidence of orientation is skipped."""
 LEAST_HAIR = 64
-"""A view with fewer pixels of hair is left out."""
+"""A view with fewer pixels of hair is skipped."""
 FEATURES = (
     ArraySpec("texture", "height width 4", finite=False),
     ArraySpec("hair", "height width", kinds="b"),
@@ -35,20 +35,20 @@ LINES = (
     ArraySpec("direction", "point 3", np.float32, finite=False),
     ArraySpec("cost", "point", np.float32, finite=False),
 )
-"""Arrays of the files, as `Features` and `LineMap` name them."""
+"""Arrays of the files, named like the fields of `Features` and `LineMap`."""
 
 
 class ViewCache:
     """Per-view results in a folder, the latest few in memory."""
 
     def __init__(self, folder: Path, views: Views, config: OrientationConfig) -> None:
-        """Use `folder`; results of these views in it are reused (see `keep_only`)."""
+        """Store results in `folder`; those already in it are reused (see `keep_only`)."""
         self.folder, self.views, self.config = folder, views, config
         self._features: OrderedDict[int, Features] = OrderedDict()
         self._lines: OrderedDict[int, LineMap] = OrderedDict()
 
     def keep_only(self, digest: str) -> None:
-        """Keep what the folder holds if it was made from the same inputs; otherwise remove it, and say so."""
+        """Keep the stored results if they were made from the same inputs; otherwise remove them and log it."""
         path = self.folder / "inputs.txt"
         if path.is_file() and path.read_bytes() == digest.encode():
             return
@@ -61,7 +61,7 @@ class ViewCache:
             temporary.write_text(digest)
 
     def prepare(self, index: int) -> bool:
-        """Compute and store a view's features; False, with a warning, where it shows no hair."""
+        """Compute and store a view's features; returns False, with a warning, if it shows no hair."""
         features = self.features(index)
         fault = None
         if int(features.hair.sum()) < LEAST_HAIR:

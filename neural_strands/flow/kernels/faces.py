@@ -1,8 +1,7 @@
-"""Warp kernels that add up what lies behind the faces of voxels (see `flow.faces`)."""
+"""Warp kernels that sum values over the neighbours of voxels (see `flow.faces`)."""
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -14,7 +13,7 @@ import warp as wp
 def sum_kernel(
     start: int, values: wp.array2d[float], neighbours: wp.array2d[wp.int64], sums: wp.array2d[float]
 ) -> None:
-    """Sum of the values of each cell's six neighbours; the row after the last cell's stands for none."""
+    """Sum of the values of each cell's six neighbours; an index equal to the number of cells means no neighbour."""
     i = start + wp.tid()
     a = int(neighbours[i, 0])
     b = int(neighbours[i, 1])

@@ -1,8 +1,7 @@
 """Warp kernels over an oriented point cloud: mean shift along the normal plane, and growing of chains."""
 
-# ruff: noqa: UP018, RUF046  (Warp tells a variable from a constant by the cast)
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018, RUF046  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
+# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -15,8 +14,8 @@ class Local:
     """The mean line around a position.
 
     Attributes:
-        point: the place, shifted across the line to the weighted mean of its neighbours.
-        direction: mean direction, its sign that of the given one.
+        point: the position, shifted across the line to the weighted mean of its neighbours.
+        direction: mean direction, with the sign of the given one.
         weight: sum of the neighbours' weights; 0 where there are none.
         spread: weighted mean square distance of the neighbours across the line, square metres.
     """

@@ -1,8 +1,7 @@
-"""Warp kernels of the line PatchMatch: one source for CPU and CUDA (see `ribbon_kernels` for a line's cost)."""
+"""Warp kernels of the line PatchMatch, for CPU and CUDA (see `lmvs.kernels.ribbons` for a line's cost)."""
 
-# ruff: noqa: UP018  (Warp tells a variable from a constant by the cast)
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
+# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -11,7 +10,7 @@ import warp as wp
 from neural_strands.lmvs.kernels.ribbons import Patch, fetch, homogeneous, inside, line_cost
 
 UNLIMITED = wp.constant(9.0)
-"""Above every cost."""
+"""A limit above every cost."""
 
 
 @wp.func
@@ -24,7 +23,7 @@ def seen_direction(
     point: wp.vec3,
     patch: Patch,
 ) -> wp.vec3:
-    """Direction on which the views agree at a point that the reference sees with its own orientation.
+    """Direction of the line through a point that agrees best with the orientations that the views see there.
 
     Each view's orientation confines the line to the plane through its centre and the line it sees: n . d = 0. With
     the reference's own n_0 exact, d = cos(t) a + sin(t) b in that plane, and the least squares over the neighbours,
@@ -51,7 +50,7 @@ def seen_direction(
             xx += weight * x * x
             xy += weight * x * y
             yy += weight * y * y
-    # A small weight keeps the line perpendicular to the ray where no neighbour constrains it.
+    # A small weight keeps the line perpendicular to the ray if no neighbour constrains it.
     yy += 0.02
     angle = 0.5 * wp.atan2(2.0 * xy, xx - yy) + 0.5 * wp.pi
     return wp.normalize(side * wp.cos(angle) + ray * wp.sin(angle))
@@ -62,7 +61,7 @@ def seen_direction(
 def seen_plane(value: wp.vec4, image: wp.vec3, plane: wp.array[wp.mat33], view: int) -> wp.vec3:
     """Unit world normal of the plane through the view's centre and the line it sees at a pixel.
 
-    A line l of homogeneous pixels is seen from the plane with normal (K R)^T l; `plane` holds (K R)^T.
+    The normal of a homogeneous image line l is (K R)^T l; `plane` contains (K R)^T.
     """
     half = 0.5 * wp.atan2(value[1], value[0])
     x = wp.cos(half)
@@ -89,7 +88,7 @@ def sweep(
     patch: Patch,
     cost: wp.array(dtype=float, ndim=2),
 ) -> None:
-    """Cost at each depth behind the hull's surface, with the direction that the views see there; -1 beyond `far`."""
+    """Cost at each depth behind the hull, for the direction on which the views agree there; -1 beyond `far`."""
     i = start + wp.tid()
     for k in range(offset.shape[0]):
         distance = near[i] + offset[k]
@@ -146,7 +145,7 @@ def improve(
 ) -> None:
     """One half sweep: each pixel of a colour tries its neighbours' lines (of the other colour), then perturbs its own.
 
-    A neighbour's line gives the point closest to my ray, its direction kept.
+    A neighbour's line is moved to the pixel's ray: its point becomes the one closest to the ray, its direction stays.
     """
     i = colour[start + wp.tid()]
     best_cost = cost[i]
@@ -211,6 +210,6 @@ def evaluate(
     limit: float,
     cost: wp.array[float],
 ) -> None:
-    """Cost of given lines, or of some of their views once that exceeds `limit`."""
+    """Cost of given lines; incomplete as soon as it exceeds `limit`."""
     i = start + wp.tid()
     cost[i] = line_cost(texture, projection, point[i], direction[i], normal[i], footprint[i], patch, limit)

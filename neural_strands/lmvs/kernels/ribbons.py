@@ -1,4 +1,4 @@
-"""Cost of a hypothesis of the line PatchMatch: a ribbon around a 3D line, compared between the views.
+"""Cost of a PatchMatch hypothesis: a ribbon around a 3D line, compared between the views.
 
 A view's texture holds, per pixel, the doubled orientation weighted by its confidence c (c cos 2a, c sin 2a), c, and the
 brightness; the textures of all views lie one after the other, row by row. View 0 is the reference, the others its
@@ -8,9 +8,8 @@ Nearly all of the stereo's time is spent here. On the CPU the samples of a view 
 positions, without branches, which the compiler turns into vector instructions, and one over the values read there.
 """
 
-# ruff: noqa: UP018  (Warp tells a variable from a constant by the cast)
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
+# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -38,7 +37,7 @@ class Patch:
         intensity: weight of 1 - NCC against the orientation's cost, in [0, 1].
         best: number of best neighbours whose mean is the cost.
         views: number of neighbours.
-        width, height: of the textures, pixels.
+        width, height: size of the textures, pixels.
     """
 
     along: wp.int32
@@ -54,7 +53,7 @@ class Patch:
 @wp.func
 @no_type_check
 def blend(texture: wp.array[wp.vec4], first: int, width: int, fx: float, fy: float) -> wp.vec4:
-    """Between the pixel `first`, the next of its row, and the two below them."""
+    """Interpolate between the pixel `first`, the next in its row, and the two below them."""
     fxy = fx * fy
     return (
         texture[first] * (1.0 - fx - fy + fxy)
@@ -67,7 +66,7 @@ def blend(texture: wp.array[wp.vec4], first: int, width: int, fx: float, fy: flo
 @wp.func
 @no_type_check
 def fetch(texture: wp.array[wp.vec4], view: int, u: float, v: float, width: int, height: int) -> wp.vec4:
-    """Bilinear sample at pixel coordinates (u, v); outside, the border's."""
+    """Bilinear sample at pixel coordinates (u, v), clamped to the border."""
     x = wp.clamp(u - 0.5, 0.0, float(width) - 1.001)
     y = wp.clamp(v - 0.5, 0.0, float(height) - 1.001)
     column = int(x)
@@ -87,14 +86,14 @@ def homogeneous(projection: wp.array[wp.mat44], view: int, point: wp.vec3, weigh
 @wp.func
 @no_type_check
 def seen_motion(image: wp.vec3, motion: wp.vec3) -> wp.vec2:
-    """Pixels that a homogeneous pixel moves by, times its squared depth, for a step whose projection is `motion`."""
+    """Motion in pixels, times squared depth, of a homogeneous pixel for a step whose projection is `motion`."""
     return wp.vec2(motion[0] * image[2] - image[0] * motion[2], motion[1] * image[2] - image[1] * motion[2])
 
 
 @wp.func
 @no_type_check
 def doubled_angle(image: wp.vec3, motion: wp.vec3) -> wp.vec2:
-    """Cosine and sine of twice the angle at which a line through `image` (homogeneous) with `motion` is seen."""
+    """Cosine and sine of twice the image angle of a line through `image` (homogeneous) with direction `motion`."""
     seen = seen_motion(image, motion)
     square = wp.max(wp.dot(seen, seen), 1.0e-20)
     return wp.vec2((seen[0] * seen[0] - seen[1] * seen[1]) / square, 2.0 * seen[0] * seen[1] / square)
@@ -103,7 +102,7 @@ def doubled_angle(image: wp.vec3, motion: wp.vec3) -> wp.vec2:
 @wp.func
 @no_type_check
 def inside(image: wp.vec3, patch: Patch) -> bool:
-    """Whether a homogeneous pixel lies in front of the camera and in the picture."""
+    """Whether a homogeneous pixel lies in front of the camera and inside the image."""
     return (
         image[2] > 0.0
         and image[0] > 0.0
@@ -116,7 +115,7 @@ def inside(image: wp.vec3, patch: Patch) -> bool:
 @wp.func
 @no_type_check
 def metres_a_pixel(image: wp.vec3, motion: wp.vec3, footprint: float) -> float:
-    """Length of a line within a pixel; at most twice the footprint, because a line seen end-on would be infinite."""
+    """Length of a line within a pixel, metres; at most twice the footprint, even for a line seen end-on."""
     speed = wp.length(seen_motion(image, motion)) / (image[2] * image[2])
     return wp.min(1.0 / wp.max(speed, 1.0e-9), 2.0 * footprint)
 
@@ -124,7 +123,7 @@ def metres_a_pixel(image: wp.vec3, motion: wp.vec3, footprint: float) -> float:
 @wp.func
 @no_type_check
 def variance(total: float, squares: float, count: float) -> float:
-    """Variance from the sums of values and of their squares; no less than that of noise."""
+    """Variance from the sums of values and of their squares, at least that of noise."""
     return wp.max(squares / count - total * total / (count * count), 1.0e-7)
 
 
@@ -143,9 +142,9 @@ def line_cost(
     """Cost in [0, 1] of a line through `point`; a ribbon around it is compared between the views.
 
     Geometric term: sin^2 of the angle between the projected line and the orientation seen at the samples, weighted by
-    confidence. Intensity term: (1 - NCC) / 2 of the ribbon's brightness. Occluded neighbours drop out: the mean is over
-    the best ones, and the reference's own geometric term is added. As soon as the views so far cost more than `limit`
-    whatever the others contribute, that cost is returned.
+    confidence. Intensity term: (1 - NCC) / 2 of the ribbon's brightness. The mean is over the best neighbours, so that
+    occluded ones drop out, and the reference's own geometric term is added. As soon as the views so far exceed `limit`,
+    whatever the others contribute, their cost is returned.
     """
     origin = homogeneous(projection, 0, point, 1.0)
     motion = homogeneous(projection, 0, direction, 0.0)
@@ -197,7 +196,8 @@ def line_cost(
             products = float(0.0)
             s = wp.int32(0)
             while s < samples:
-                # Tells the compiler that no index is negative; Warp counts negative ones from the end of the array.
+                # The maximum tells the compiler that no index is negative: Warp counts negative ones from the array's
+                # end.
                 value = blend(texture, wp.max(places[s], 0), patch.width, right[s], down[s])
                 sums += value
                 squares += value[3] * value[3]
@@ -216,7 +216,7 @@ def line_cost(
                 geometric = wp.where(sums[2] > 1.0e-3 * count, angle / sums[2], 0.5)
                 found = share * geometric + patch.intensity * 0.5 * (1.0 - ncc)
         if j > 0:
-            # The worst so far are held back and finally left out, so the sum of the others only grows.
+            # The worst costs so far are set aside and finally dropped, so the sum of the others only grows.
             k = wp.int32(0)
             while k < patch.views - patch.best:
                 kept = wp.max(worst[k], found)

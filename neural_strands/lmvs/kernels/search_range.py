@@ -1,8 +1,7 @@
 """Warp kernel that finds where rays enter a carved volume."""
 
-# ruff: noqa: UP018  (Warp tells a variable from a constant by the cast)
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
+# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -49,7 +48,7 @@ def enter(
             )
             if wp.length(gradient) > 1.0e-4:
                 outward = -wp.normalize(gradient)
-                # A normal at grazing angles is a guess: it is turned towards the camera.
+                # Normals at grazing angles are unreliable, so they are turned towards the camera.
                 normal[i] = wp.normalize(outward - ray[i] * 0.5)
             return
         previous = value
