@@ -1,4 +1,7 @@
-"""What every reader checks: a file holds what it claims, its numbers are finite, its strands are strands."""
+"""Checks shared by all readers.
+
+The file contains what it claims, its numbers are finite, and its strands have points and length.
+"""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,10 +15,10 @@ from neural_strands.foundation.input_files import read_bytes
 from neural_strands.grooms.groom import ATTRIBUTES, Groom
 
 LARGEST = 1e9
-"""Coordinates beyond this are taken for garbage: no unit makes hair of them."""
+"""Coordinates beyond this are garbage in any unit."""
 
 Locate = Callable[[str, int], str]
-"""Says where a row of "vertices" or of an attribute stands in the file, such as "byte 140"."""
+"""Describes where a row of "vertices" or of an attribute is in the file, such as "byte 140"."""
 
 
 def read_groom_bytes(path: Path) -> bytes:
@@ -31,7 +34,7 @@ def read_groom_bytes(path: Path) -> bytes:
 
 
 def refuse(path: Path, where: str, expected: str, found: str, advice: str = "export it again") -> InputError:
-    """Build the one sentence that refuses a file."""
+    """Build the error, one sentence, that refuses a file."""
     return InputError(f"{path}: {where}: expected {expected}, found {found}; {advice}.")
 
 
@@ -51,14 +54,14 @@ def require_bytes(path: Path, start: int, claimed: int, size: int, what: str) ->
 def build_groom(
     path: Path, vertices: np.ndarray, sizes: np.ndarray, locate: Locate, attributes: Mapping[str, np.ndarray | None]
 ) -> Groom:
-    """Check what a reader found and make a groom of it (float32, copied).
+    """Check what a reader found and build a groom from it (float32, copied).
 
     Args:
-        path: the file, for messages.
+        path: the file, for error messages.
         vertices: points of all strands, (vertex, 3).
         sizes: points of each strand; their sum is the number of vertices.
-        locate: says where a row came from.
-        attributes: arrays by the attribute names of `Groom`, or None.
+        locate: describes where a row came from.
+        attributes: arrays, or None, by the attribute names of `Groom`.
 
     Raises:
         InputError: no strands, one-point or zero-length strands, numbers that are not finite or absurd.
@@ -94,10 +97,10 @@ def build_groom(
 
 
 def check_writable(path: Path, groom: Groom) -> None:
-    """Refuse to write what no reader would take back.
+    """Refuse to write what no reader would accept.
 
     Raises:
-        InputError: the groom is empty or holds strands or numbers that `build_groom` refuses.
+        InputError: the groom is empty or has strands or numbers that `build_groom` refuses.
     """
     attributes = {
         name: None if (v := getattr(groom, name)) is None else v.detach().cpu().numpy() for name in ATTRIBUTES

@@ -1,6 +1,6 @@
 """`.data` files (USC-HairSalon): int32 strands, then for each strand int32 points and that many float32 triples.
 
-Kept: points, as float32. The format stores nothing else.
+Stored: points, as float32, and nothing else.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ def read_data(path: Path) -> Groom:
     """Read a `.data` file.
 
     Raises:
-        InputError: the file is not what its counts claim.
+        InputError: the file's contents contradict its counts.
     """
     data = read_groom_bytes(path)
     require_bytes(path, 0, 4, len(data), "strand count")
@@ -37,7 +37,7 @@ def read_data(path: Path) -> Groom:
             path, f"byte {end}", f"the end of the file after {strands} strands", f"{len(data) - end} bytes more"
         )
     words = np.frombuffer(data, "<u4", len(data) // 4)
-    # Strand s is preceded by 1 + (s + 1) counts and by three words for each point before it.
+    # Before strand s there are s + 2 counts, and three words for each earlier point.
     starts = np.concatenate([[0], np.cumsum(sizes)])
     is_number = np.ones(len(words), dtype=bool)
     is_number[0] = False
@@ -45,7 +45,7 @@ def read_data(path: Path) -> Groom:
     vertices = words[is_number].view("<f4").reshape(-1, 3)
 
     def locate(_: str, row: int) -> str:
-        """Byte of a vertex."""
+        """Describe the byte of a vertex."""
         strand = int(np.searchsorted(starts[1:], row, side="right")) if row < starts[-1] else strands - 1
         return f"byte {4 * (2 + strand) + 12 * row}"
 

@@ -1,4 +1,4 @@
-"""A groom: strands of any number of points each, as files hold them."""
+"""A groom: strands of any number of points each, as stored in files."""
 
 from dataclasses import dataclass, replace
 
@@ -10,22 +10,22 @@ from neural_strands.geometry.resample import resample_ragged
 from neural_strands.geometry.strands import Strands
 
 ATTRIBUTES = ("root_uv", "root_normal", "width", "color", "unseen", "t")
-"""What a groom may hold beside its points."""
+"""Optional attributes of a groom besides its points."""
 OF_POINTS = ("width", "t")
-"""Those of them that have a row for each vertex; the others have one for each strand."""
+"""Attributes with a row per vertex; the others have one per strand."""
 
 
 @dataclass(frozen=True)
 class Groom:
     """Ragged strands, root first, one after the other.
 
-    A groom is in the unit and axes of its file (USD: metres, y up, because that file says so); everything after
-    `strands()` is in metres, y up, +z front, so convert first.
+    A groom is in the unit and axes of its file (USD states both and is converted to metres, y up). Everything that
+    takes `Strands` expects metres, y up, +z front, so convert before calling `strands()`.
 
     Attributes:
         vertices: the points of all strands.
         offsets: where each strand starts among the vertices, and the total at the end.
-        root_uv: where each root lies on the scalp chart.
+        root_uv: coordinates of each root on the scalp chart.
         root_normal: outward normal of the scalp at each root.
         width: full thickness at each vertex, in the unit of the vertices.
         color: linear RGB of each strand in [0, 1].
@@ -67,7 +67,7 @@ class Groom:
 
     @classmethod
     def from_strands(cls, strands: Strands) -> "Groom":
-        """Hold strands of equal point counts as a groom; nothing is resampled."""
+        """Build a groom from strands of equal point counts; nothing is resampled."""
         count, points, _ = strands.points.shape
         return cls(
             vertices=strands.points.reshape(-1, 3),
@@ -87,7 +87,7 @@ class Groom:
 
     @property
     def uniform_size(self) -> int | None:
-        """Points of every strand when all have the same number, else None."""
+        """Number of points per strand if it is the same for all, else None."""
         sizes = self.sizes
         return int(sizes[0]) if len(sizes) and bool((sizes == sizes[0]).all()) else None
 
@@ -103,7 +103,7 @@ class Groom:
     def strands(self, points: int | None = 100) -> Strands:
         """Return strands of `points` points each, equally spaced in arc length along a spline (geometry.resample).
 
-        Widths and t are interpolated linearly in arc length. With None the points are kept as they are.
+        Widths and t are interpolated linearly in arc length. With None the points stay as they are.
 
         Raises:
             ValueError: `points` is None and the strands have different numbers of points.
@@ -145,7 +145,7 @@ def _arc(groom: Groom) -> Float[Tensor, " vertex"]:
 
 
 def _resampled(groom: Groom, values: Float[Tensor, " vertex"], points: int) -> Float[Tensor, "strand {points}"]:
-    """Values at `points` equal steps of arc length; strand k's fractions are searched in [k, k + 1]."""
+    """Resample values at `points` equal steps of arc length."""
     arc, sizes, last = _arc(groom), groom.sizes, groom.offsets[1:] - 1
     strand = torch.arange(len(groom), device=arc.device, dtype=torch.float64)
     key = arc / arc[last].repeat_interleave(sizes).clamp(min=1e-300) + strand.repeat_interleave(sizes)

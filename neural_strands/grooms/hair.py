@@ -1,8 +1,8 @@
 """`.hair` files (Cem Yuksel's HAIR format): a header of 128 bytes, then one array after the other.
 
-Kept: points, widths ("thickness", one value per point) and colours (one value per point: the mean of each strand is
-read, its colour is written at every point), all float32. Root uv and normals cannot be stored. The header's default
-thickness, transparency and colour are hints for a viewer, not measurements, and are not read.
+Stored: points, widths ("thickness", one value per point) and colours (one value per point; reading takes the mean over
+each strand, writing repeats the strand's colour), all float32. Root uv and normals cannot be stored. The header's
+default thickness, transparency and colour are hints for a viewer, not measurements, and are not read.
 """
 
 import struct
@@ -17,16 +17,16 @@ from neural_strands.grooms.groom import Groom
 HEADER = struct.Struct("<4s4I5f88s")
 """Magic, strands, points, flags, default segments, thickness, transparency, RGB, free text."""
 SEGMENTS, POINTS, THICKNESS, TRANSPARENCY, COLORS = 1, 2, 4, 8, 16
-"""Flags: which arrays follow the header, in this order."""
+"""Flags of the arrays that follow the header, in this order."""
 MOST_SEGMENTS = 65535
-"""Segments of a strand are stored in 16 bits."""
+"""The number of segments of a strand is stored in 16 bits."""
 
 
 def read_hair(path: Path) -> Groom:
     """Read a `.hair` file.
 
     Raises:
-        InputError: the file is not what its header claims.
+        InputError: the file's contents contradict its header.
     """
     data = read_groom_bytes(path)
     require_bytes(path, 0, HEADER.size, len(data), "header")
@@ -43,7 +43,7 @@ def read_hair(path: Path) -> Groom:
             require_bytes(path, end, claimed, len(data), f"arrays for {strands} strands and {points} points")
             starts[flag] = end
             end += claimed
-    # Without an array the default holds for all strands; it is checked before an array of that size is made.
+    # Without an array the default applies to all strands; check it before allocating an array of that size.
     total = strands * (default + 1)
     sizes = np.zeros(0, dtype=np.int64)
     if flags & SEGMENTS:
@@ -60,7 +60,7 @@ def read_hair(path: Path) -> Groom:
         color = _mean(shades, sizes)
 
     def locate(name: str, row: int) -> str:
-        """Byte of a vertex, a width, or the first colour of a strand."""
+        """Describe the byte of a vertex, a width, or the first colour of a strand."""
         if name == "width":
             return f"byte {starts[THICKNESS] + 4 * row}"
         if name == "color":
@@ -95,7 +95,7 @@ def write_hair(path: Path, groom: Groom) -> None:
 
 
 def _mean(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Mean of each strand's rows; numbers that are not finite stay so, for the checks to find.
+    """Mean of each strand's rows; a value that is not finite makes the mean so, which the checks detect.
 
     In double precision the mean of equal float32 values is that value exactly.
     """

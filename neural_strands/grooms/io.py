@@ -22,7 +22,7 @@ def _read_either_tfx(path: Path) -> Groom:
 
 
 def _write_either_tfx(path: Path, groom: Groom) -> None:
-    """Version 4 if all strands have the same number of points, otherwise version 2, which allows any."""
+    """Write version 4 if all strands have the same number of points, otherwise version 2, which allows any."""
     (write_tfx_text if groom.uniform_size is None else write_tfx)(path, groom)
 
 
@@ -37,7 +37,7 @@ READERS: dict[str, Callable[[Path], Groom]] = {
     ".obj": read_obj,
     ".npz": read_groom_npz,
 }
-"""The reader of each suffix."""
+"""Reader by suffix."""
 WRITERS: dict[str, Callable[[Path, Groom], None]] = {
     ".hair": write_hair,
     ".data": write_data,
@@ -49,14 +49,14 @@ WRITERS: dict[str, Callable[[Path, Groom], None]] = {
     ".obj": write_obj,
     ".npz": write_groom_npz,
 }
-"""The writer of each suffix."""
+"""Writer by suffix."""
 
 
 def read_groom(path: Path | str) -> Groom:
     """Read a groom, in the unit and axes of its file (USD: converted to metres, y up).
 
     Raises:
-        InputError: the suffix is unknown, or the file is not what it claims to be.
+        InputError: the suffix is unknown, or the file is damaged or of another kind.
 
     Examples:
         >>> import neural_strands as ns
@@ -71,10 +71,10 @@ def read_groom(path: Path | str) -> Groom:
 
 
 def write_groom(path: Path | str, groom: Groom) -> None:
-    """Write a groom, completely or not at all; the module of each format says which attributes it keeps.
+    """Write a groom atomically; the module of each format says which attributes it stores.
 
     Raises:
-        InputError: the suffix is unknown, the groom holds values that no reader accepts, or the file cannot be written.
+        InputError: the suffix is unknown, the groom has values that no reader accepts, or the file cannot be written.
     """
     path = Path(path)
     writer = WRITERS[_suffix(path)]
@@ -87,7 +87,7 @@ def check_suffix(path: Path | str) -> None:
     """Reject a name whose suffix no writer supports, before any work is done.
 
     Raises:
-        InputError: names the supported suffixes.
+        InputError: the suffix is not supported; the message lists those that are.
     """
     _suffix(Path(path))
 

@@ -9,12 +9,12 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the vertices of a groom are over time.
+    """Positions of a groom's vertices over time.
 
     Attributes:
         fps: frames per second.
         frames: number of frames.
-        vertices: the vertices in a frame, counted from 0, in the groom's unit and order.
+        vertices: function from a frame, counted from 0, to the vertices in it, in the groom's unit and order.
     """
 
     fps: float

@@ -1,6 +1,6 @@
-"""`.npz` archives of numpy: arrays named as the fields of `Groom`; everything is kept exactly (float32, int64).
+"""`.npz` archives of numpy: arrays named like the fields of `Groom`; everything is stored exactly (float32, int64).
 
-An archive may also hold `points` (strand, point, 3) in place of `vertices` and `offsets`.
+An archive may also contain `points` (strand, point, 3) in place of `vertices` and `offsets`.
 """
 
 from pathlib import Path
@@ -23,14 +23,14 @@ EXTRAS = (
     ArraySpec("unseen", "strand", required=False, finite=False),
     ArraySpec("t", "vertex", required=False, finite=False),
 )
-"""Attributes; `build_groom` says which row of which is not finite."""
+"""Attributes; `build_groom` checks that they are finite, so that it can name the row."""
 
 
 def read_groom_npz(path: Path) -> Groom:
     """Read an `.npz` archive.
 
     Raises:
-        InputError: it is no archive, lacks arrays, or they claim more than is there.
+        InputError: the file is not such an archive, lacks arrays, or arrays are longer than the file.
     """
     names = array_names(path)
     uniform = "points" in names and "vertices" not in names
@@ -48,7 +48,7 @@ def read_groom_npz(path: Path) -> Groom:
             raise refuse(path, f"array {name}", f"{len(vertices)} rows, one for each point", str(len(arrays[name])))
 
     def locate(name: str, row: int) -> str:
-        """The row of an array; an archive's entry may be compressed, so no byte can be named."""
+        """Describe the row of an array; entries may be compressed, so no byte can be named."""
         return f"array {name}, row {row}"
 
     return build_groom(path, vertices, np.diff(offsets), locate, {name: arrays.get(name) for name in ATTRIBUTES})

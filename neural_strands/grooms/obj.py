@@ -1,7 +1,7 @@
 """`.obj` files: one polyline (`l`) per strand, root first; written by Maya, Houdini, XGen and research code.
 
-Kept: points, in text that restores every float32 exactly. The format stores nothing else. Lines that continue from the
-last point of the previous line (`l 1 2`, `l 2 3`, as Blender writes loose edges) are joined into one strand.
+Stored: points, in text that restores every float32 exactly, and nothing else. Lines that continue from the last point
+of the previous line (`l 1 2`, `l 2 3`, as Blender writes loose edges) are joined into one strand.
 """
 
 import itertools
@@ -22,11 +22,11 @@ def read_obj(path: Path) -> Groom:
     """Read the polylines of an `.obj` file.
 
     Raises:
-        InputError: it holds no polylines, or they name vertices that do not exist.
+        InputError: it contains no polylines, or they refer to vertices that do not exist.
     """
     data = read_groom_bytes(path)
     if b"\\\n" in data:
-        # A backslash continues a line; two spaces keep every byte in its place.
+        # A backslash continues a line; two spaces in its place leave all byte positions unchanged.
         data = data.replace(b"\\\n", b"  ")
     lines = Lines(path, data)
     is_vertex, is_line = lines.keyword(b"v"), lines.keyword(b"l")
@@ -62,7 +62,7 @@ def read_obj(path: Path) -> Groom:
     order, sizes = join_chains(index.astype(np.int64), counts)
 
     def locate(_: str, row: int) -> str:
-        """Line of a vertex."""
+        """Describe the line of a vertex."""
         return lines.where(int(vertex_line[order[row]]))
 
     return build_groom(path, positions[order].astype(np.float32), sizes, locate, {})

@@ -1,7 +1,7 @@
-"""`.ply` files: vertices and edges, as Blender, MeshLab and trimesh read them; written as binary, read as text too.
+"""`.ply` files: vertices and edges, as Blender, MeshLab and trimesh read them; binary, or text for reading only.
 
-Kept, as float32: points, widths (a property of the vertices), and in our own element `strand`, which other programs
-skip, root uv, root normal, colour and the unseen share. Consecutive edges are joined into strands.
+Stored, as float32: points; widths (a property of the vertices); and, in an element `strand` of our own, which other
+programs skip, root uv, root normal, colour and the unseen share. Consecutive edges are joined into strands.
 """
 
 import re
@@ -22,14 +22,14 @@ TYPES = {
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
-"""Names of the scalar types, and numpy's."""
+"""Scalar types of PLY, with numpy's names."""
 STRAND_PROPERTIES = {
     "root_uv": ("u", "v"),
     "root_normal": ("nx", "ny", "nz"),
     "color": ("red", "green", "blue"),
     "unseen": ("unseen",),
 }
-"""Attributes of a strand and their properties."""
+"""Attributes of a strand, and the properties that store them."""
 ELEMENT = re.compile(r"element ([!-~]{1,80}) (\d{1,18})")
 PROPERTY = re.compile(r"property (\S+) ([!-~]{1,80})")
 LONGEST_HEADER = 65536
@@ -41,8 +41,8 @@ class Element:
 
     Attributes:
         name: vertex, edge, strand, or one that is skipped.
-        count: rows claimed.
-        properties: names and numpy types of the columns; None where it holds lists.
+        count: number of rows according to the header.
+        properties: names and numpy types of the columns; None if it contains lists.
     """
 
     name: str
@@ -54,7 +54,7 @@ def read_ply(path: Path) -> Groom:
     """Read a `.ply` file of vertices and edges.
 
     Raises:
-        InputError: the file is not what its header claims, or holds no edges.
+        InputError: the file's contents contradict its header, or it has no edges.
     """
     data = read_groom_bytes(path)
     encoding, elements, body = _header(path, data)
@@ -86,7 +86,7 @@ def read_ply(path: Path) -> Groom:
         attributes |= _strand_attributes(path, tables["strand"], len(sizes), starts["strand"](0))
 
     def locate(name: str, row: int) -> str:
-        """Place of a vertex or of a row of the strands."""
+        """Describe the place of a vertex or of a row of the element `strand`."""
         return starts["vertex"](int(order[row])) if name in ("vertices", "width") else starts["strand"](row)
 
     positions = np.stack([vertex[axis] for axis in "xyz"], axis=1)[order]
@@ -170,7 +170,7 @@ def _tables(
 def _text_tables(
     path: Path, data: bytes, elements: list[Element], body: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Callable[[int], str]]]:
-    """The same for `format ascii`: one row per line."""
+    """Like `_tables`, for `format ascii`: one row per line."""
     lines = Lines(path, data)
     filled = np.flatnonzero((lines.word_count > 0) & (lines.start >= body))
     tables, starts, end = {}, {}, 0

@@ -4,14 +4,14 @@ import numpy as np
 
 
 def join_chains(index: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Join each chain that starts where the one before it ends.
+    """Join chains that start where the previous one ends.
 
     Args:
-        index: vertex indices of all chains, one after the other.
-        counts: indices of each chain, at least two.
+        index: vertex indices of all chains, concatenated.
+        counts: number of indices of each chain, at least two.
 
     Returns:
-        The vertex indices of all strands, and how many each strand has.
+        The vertex indices of all strands, concatenated, and the number of indices of each strand.
     """
     ends = np.cumsum(counts)
     starts = ends - counts

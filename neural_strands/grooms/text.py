@@ -1,4 +1,4 @@
-"""Fast reading of numbers from lines of text, with the line and byte of any error."""
+"""Reads numbers from lines of text quickly, and locates errors by line and byte."""
 
 import re
 import warnings
@@ -47,7 +47,7 @@ class Lines:
         return f"line {line + 1} (byte {int(self.start[line]) if byte is None else byte})"
 
     def keyword(self, letter: bytes) -> np.ndarray:
-        """The lines whose first word is this letter."""
+        """Mark the lines whose first word is this letter."""
         found = np.zeros(len(self), dtype=bool)
         lines = np.flatnonzero(self.word_count > 0)
         begin = self.word[self.first_word[lines]]
@@ -61,10 +61,10 @@ class Lines:
 
         Args:
             chosen: one boolean per line.
-            skip_word: leave out each line's first word, which is one letter.
+            skip_word: skip each line's first word, which is one letter.
 
         Returns:
-            The numbers in double precision, and the count of each chosen line.
+            The numbers in double precision, and how many each chosen line has.
 
         Raises:
             InputError: a word is not a number.
@@ -90,7 +90,7 @@ class Lines:
         return values, counts
 
     def _not_a_number(self, chosen: np.ndarray, skip_word: bool) -> Exception:
-        """Find the first word that is not a number, slowly."""
+        """Build the error for the first word that is not a number, found by a slow search."""
         for line in np.flatnonzero(chosen).tolist():
             first = self.first_word[line] + int(skip_word)
             for byte in self.word[first : self.first_word[line] + self.word_count[line]].tolist():

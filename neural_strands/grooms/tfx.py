@@ -1,8 +1,8 @@
 """`.tfx` files of TressFX 4: a binary header of 160 bytes with offsets, then arrays.
 
-Kept, as float32: points (every strand needs the same number; TressFX itself takes 4, 8, 16, 32 or 64), root uv, one
-width per strand (the mean along it is written) and one colour per strand (repeated for each vertex; alpha 1). Root
-normals cannot be stored. The fourth coordinate of a point is its inverse mass: 0 at the root, 1 elsewhere.
+Stored, as float32: points (the same number for all strands; TressFX itself accepts 4, 8, 16, 32 or 64), root uv, one
+width per strand (the mean along it) and one colour per strand (repeated for each vertex, with alpha 1). Root normals
+cannot be stored. The fourth coordinate of a point is its inverse mass: 0 at the root, 1 elsewhere.
 """
 
 import struct
@@ -22,7 +22,7 @@ def read_tfx(path: Path) -> Groom:
     """Read a binary `.tfx` file, version 4.
 
     Raises:
-        InputError: the file is not what its header claims.
+        InputError: the file's contents contradict its header.
     """
     data = read_groom_bytes(path)
     require_bytes(path, 0, HEADER.size, len(data), "TressFX 4 header")
@@ -48,7 +48,7 @@ def read_tfx(path: Path) -> Groom:
         found[name] = np.frombuffer(data, "<f4", channels * rows, start).reshape(rows, channels)
 
     def locate(name: str, row: int) -> str:
-        """Byte of a row; widths and colours are those of a strand."""
+        """Describe the byte of a row; widths and colours have one row per strand or vertex."""
         start, channels, _ = parts[name]
         row = {"width": row // max(points, 1), "color": row * points}.get(name, row)
         return f"byte {start + 4 * channels * row}"

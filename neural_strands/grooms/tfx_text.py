@@ -1,8 +1,7 @@
 """`.tfx` files of TressFX 2: text; for each strand its number of points and root uv, then one point per line.
 
-Kept: points and root uv, in text that restores every float32 exactly. Strands may differ in their number of points. The
-format stores nothing else. A header that scales, rotates or moves the hair is rejected, because programs disagree on
-the order.
+Stored: points and root uv, in text that restores every float32 exactly, and nothing else. Strands may differ in their
+number of points. A header that scales, rotates or moves the hair is rejected, because programs disagree on the order.
 """
 
 import re
@@ -26,7 +25,7 @@ def read_tfx_text(path: Path) -> Groom:
     """Read a text `.tfx` file, version 2.
 
     Raises:
-        InputError: the file is not what its header claims.
+        InputError: the file's contents contradict its header.
     """
     data = read_groom_bytes(path).replace(b",", b" ")
     lines = Lines(path, data)
@@ -60,7 +59,7 @@ def read_tfx_text(path: Path) -> Groom:
         raise refuse(path, lines.where(int(point_line[bad])), "three coordinates", f"{counts[bad]} words")
 
     def locate(name: str, row: int) -> str:
-        """Line of a point, or of the head of a strand."""
+        """Describe the line of a point, or of the first line of a strand."""
         chosen = point_line if name == "vertices" else strand_line
         return lines.where(int(chosen[row]) if row < len(chosen) else len(lines) - 1)
 
@@ -125,7 +124,7 @@ def _check_counts(lines: Lines, strand_line: np.ndarray, point_line: np.ndarray,
     """Reject strands whose number of lines differs from the number they claim.
 
     Raises:
-        InputError: names the line of the first such strand.
+        InputError: there is such a strand; the message names its line.
     """
     found = np.diff(np.append(np.searchsorted(point_line, strand_line), len(point_line)))
     if (wrong := found != sizes).any():
@@ -135,7 +134,7 @@ def _check_counts(lines: Lines, strand_line: np.ndarray, point_line: np.ndarray,
 
 
 def is_tfx_text(path: Path) -> bool:
-    """Whether a `.tfx` file is text, that is, begins with the word version.
+    """Whether a `.tfx` file is text, that is, begins with the word "version".
 
     Raises:
         InputError: it cannot be read.

@@ -1,11 +1,11 @@
-"""USD files (`.usd`, `.usdc` binary; `.usda` text): strands as one BasisCurves prim, as Blender and Houdini open it.
+"""USD files (`.usd`, `.usdc` binary; `.usda` text): strands as one BasisCurves prim, which Blender and Houdini open.
 
-Kept, as float32: points, root uv (primvar `st`, one value per strand), root normals (primvar `rootNormal`), widths
+Stored, as float32: points, root uv (primvar `st`, one value per strand), root normals (primvar `rootNormal`), widths
 (`widths`, one value per point), colours (`displayColor`, one value per strand) and the share of a strand that no
-photograph could see (primvar `unseen`). Written linear, in metres, y up, rooted at the first point. Guides are a second
-prim, of the purpose `guide`; points that move have a time sample per frame. Read from every BasisCurves prim of the
-stage that is no guide, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), through the transforms
-above it, metersPerUnit and upAxis, into metres, y up, +z front.
+photograph could see (primvar `unseen`). Writing: linear curves in metres, y up, rooted at the first point. Guides are a
+second prim with the purpose `guide`; moving points have a time sample per frame. Reading: every BasisCurves prim of the
+stage that is not a guide, linear or cubic (bezier, bspline, catmullRom: sampled along the curve), is converted to
+metres, y up, +z front, by its transforms, metersPerUnit and upAxis.
 """
 
 import json
@@ -26,23 +26,23 @@ from neural_strands.grooms.motion import Motion
 from neural_strands.grooms.usd_worker import PRIMVARS, REFUSED, pxr_module
 
 LONGEST_READ = 600
-"""Seconds after which reading a stage is abandoned."""
+"""Time after which reading a stage is abandoned, seconds."""
 CRATE_HEADER = 24
-"""Magic (8 bytes), version (8) and the offset of the table of contents (8) of a binary file."""
+"""Size of a binary file's header: magic, version and offset of the table of contents, 8 bytes each."""
 VALUE_TYPES = {
     "root_uv": ("TexCoord2fArray", "Vec2fArray"),
     "root_normal": ("Normal3fArray", "Vec3fArray"),
     "color": ("Color3fArray", "Vec3fArray"),
     "unseen": ("FloatArray", "FloatArray"),
 }
-"""The type of each primvar, and USD's array that holds its values."""
+"""Type of each primvar, and the class of USD arrays that store it."""
 
 
 def read_usd(path: Path) -> Groom:
-    """Read every curve of a USD stage, in a separate process (see usd_worker).
+    """Read all curves of a USD stage, in a separate process (see `usd_worker`).
 
     Raises:
-        InputError: it is not a stage, holds no curves, or its arrays disagree.
+        InputError: it is not a stage, has no curves, or its arrays disagree.
     """
     _check_container(path)
     with tempfile.TemporaryDirectory() as folder:
@@ -71,7 +71,7 @@ def read_usd(path: Path) -> Groom:
     attributes = {name: arrays.get(name) for name in ATTRIBUTES}
 
     def locate(name: str, row: int) -> str:
-        """USD does not report the position of its arrays, so the row is named."""
+        """Describe the row of an array, because USD does not report positions in the file."""
         return f"byte 0 (curves, row {row} of {name})"
 
     return build_groom(path, arrays["points"], arrays["sizes"], locate, attributes)
@@ -83,8 +83,8 @@ def write_usd(path: Path, groom: Groom, guides: Groom | None = None, motion: Mot
     Args:
         path: the file.
         groom: the strands.
-        guides: strands that stand for others, written as `/hair/guides`.
-        motion: where the points of `groom` are in each frame.
+        guides: strands that represent those around them, written as `/hair/guides`.
+        motion: positions of the points of `groom` in each frame.
 
     Raises:
         OSError: the file cannot be written.
@@ -131,7 +131,7 @@ def _define_curves(stage: Any, place: str, groom: Groom) -> Any:
 
 
 def _move(stage: Any, curves: Any, motion: Motion) -> None:
-    """Give points a sample per frame; frames are numbered from 0."""
+    """Write a sample of the points per frame; frames are numbered from 0."""
     arrays = pxr_module("Vt")
     stage.SetTimeCodesPerSecond(motion.fps)
     stage.SetFramesPerSecond(motion.fps)
@@ -151,7 +151,7 @@ def _check_container(path: Path) -> None:
     """Reject a file that is neither text nor a binary stage whose table of contents lies inside it.
 
     Raises:
-        InputError: says what is wrong.
+        InputError: the file is such a file.
     """
     data = read_groom_bytes(path)
     if data.startswith(b"#usda") and path.suffix.lower() != ".usdc":

@@ -1,4 +1,4 @@
-"""Cubic curves as polylines: the bases of USD's BasisCurves, evaluated at several points per segment."""
+"""Converts cubic curves to polylines: the bases of USD's BasisCurves, evaluated at several points per segment."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,7 @@ MATRICES = {
 
 
 class StageError(Exception):
-    """A stage that cannot be read as hair: where, what was expected, what was found, what to do."""
+    """A stage cannot be read as hair; says where, what was expected, what was found and what to do."""
 
     def __init__(self, where: str, expected: str, found: str, advice: str = "export it again") -> None:
         super().__init__(where, expected, found, advice)
@@ -26,8 +26,8 @@ class Curves:
     """Control points or samples of several curves.
 
     Attributes:
-        points: one curve after the other, (point, 3).
-        sizes: points of each curve.
+        points: points of all curves, concatenated, (point, 3).
+        sizes: number of points of each curve.
         attributes: arrays by the attribute names of a groom; `width` has one row per point, the others one row per
             curve.
     """

@@ -1,10 +1,9 @@
 """Reads a USD stage in a separate process: `python -m neural_strands.grooms.usd_worker STAGE ARRAYS`.
 
-USD's library can crash on a damaged binary file, prints to standard error, and trusts the sizes that a file claims.
-Here a crash ends only this process, its messages are dropped, and its memory is bounded. On success the arrays of a
-groom are written as an .npz file and the exit status is 0. A stage that is rejected gives one JSON list on standard
-output (where, expected, found, advice) and exit status 3. Imports stay light (no torch), so that the process starts
-quickly.
+USD's library can crash on damaged binary files, prints to standard error, and trusts sizes claimed by files. Here a
+crash ends only this process, messages are dropped, and memory is bounded. On success the arrays of a groom are written
+as an .npz file and the exit status is 0. A rejected stage gives one JSON list on standard output (where, expected,
+found, advice) and exit status 3. Imports stay light (no torch), so that the process starts quickly.
 """
 
 import importlib
@@ -20,16 +19,16 @@ from neural_strands.grooms.usd_curves import Curves, StageError, sampled
 REFUSED = 3
 """Exit status for a stage that was rejected with a reason."""
 BASE_MEMORY = 2**30
-"""Bytes of memory allowed to any stage."""
+"""Memory allowed for any stage, bytes."""
 MEMORY_PER_BYTE = 64
-"""Additional bytes of memory allowed for each byte of the file."""
+"""Additional memory allowed per byte of the file, bytes."""
 PRIMVARS: dict[str, tuple[str, tuple[int, ...]]] = {
     "root_uv": ("st", (2,)),
     "root_normal": ("rootNormal", (3,)),
     "color": ("displayColor", (3,)),
     "unseen": ("unseen", ()),
 }
-"""Attributes of a strand, their primvars and the shape of one value."""
+"""Attributes of a strand, their primvars, and the shape of one value."""
 
 
 def main(source: Path, target: Path) -> int:
@@ -46,10 +45,10 @@ def main(source: Path, target: Path) -> int:
 
 
 def read_stage(path: Path) -> dict[str, np.ndarray]:
-    """Return `points`, `sizes` and the attributes that all prims of curves have, in metres, y up.
+    """Return `points`, `sizes` and the attributes that all curve prims have, in metres, y up.
 
     Raises:
-        StageError: it is no stage, holds no curves, or its arrays disagree.
+        StageError: it is not a stage, has no curves, or its arrays disagree.
     """
     tf, usd, geometry = (pxr_module(name) for name in ("Tf", "Usd", "UsdGeom"))
     try:
@@ -58,7 +57,7 @@ def read_stage(path: Path) -> dict[str, np.ndarray]:
         if not 1e-9 < scale < 1e9:
             raise StageError("byte 0 (metersPerUnit)", "a positive number", f"{scale:g}")
         found = [prim for prim in stage.Traverse() if prim.IsA(geometry.BasisCurves)]
-        # Guides stand for strands that are there as well; a stage of guides alone is read as it is.
+        # Guides represent strands that are in the stage as well; a stage with only guides is read as it is.
         strands = [prim for prim in found if geometry.Imageable(prim).ComputePurpose() != geometry.Tokens.guide]
         parts = [_curves(prim, scale, up) for prim in strands or found]
     except (tf.ErrorException, UnicodeDecodeError, TypeError, ValueError) as error:
@@ -75,7 +74,7 @@ def read_stage(path: Path) -> dict[str, np.ndarray]:
 
 
 def pxr_module(name: str) -> Any:
-    """Import a module of USD where it is used; its type stubs are incomplete."""
+    """Import a module of USD, as Any because its type stubs are incomplete."""
     return importlib.import_module(f"pxr.{name}")
 
 
@@ -125,7 +124,7 @@ def _curves(prim: Any, scale: float, up: str) -> Curves:
 
 
 def _bound_memory(limit: int) -> None:
-    """Let allocations beyond `limit` bytes fail, if the system supports it."""
+    """Make allocations beyond `limit` bytes fail, if the system supports it."""
     try:
         resource = importlib.import_module("resource")
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)

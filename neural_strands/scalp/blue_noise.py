@@ -1,8 +1,8 @@
 """Blue noise by parallel sample elimination: an exact number of points, none much closer than the others.
 
 A maximal set of dart throws first leaves slightly more points than required, none closer than a radius; weighted sample
-elimination (Yuksel 2015) then removes the surplus where points are most crowded. Both work on whole independent sets at
-once, so that numpy is fast enough. The candidates come in random order, which is their priority.
+elimination (Yuksel 2015) then removes the surplus where points are most crowded. Both process whole independent sets at
+once, so that numpy is fast enough. Candidates must be in random order: their order is their priority.
 """
 
 import math
@@ -17,7 +17,7 @@ DART_RADIUS = 0.61
 """Radius of the dart throws over the largest possible one; leaves about 7% more points than required."""
 
 SHRINK = 0.93
-"""Factor on the radius when too few darts fit."""
+"""Factor on the radius if too few darts fit."""
 
 BATCH = 0.25
 """Share of the surplus removed in one round; the weights change between rounds."""
@@ -34,7 +34,7 @@ def eliminate(points: Float[Tensor, "candidate 3"], count: int, area: float) -> 
 
     Args:
         points: candidates, uniform over a surface, several times `count`, in random order.
-        count: how many to keep, at most as many as there are points.
+        count: number of points to keep, at most as many as there are.
         area: area of the surface, square metres.
     """
     positions = points.detach().cpu().double().numpy()
@@ -49,7 +49,7 @@ def eliminate(points: Float[Tensor, "candidate 3"], count: int, area: float) -> 
 
 
 def _throw_darts(positions: np.ndarray, radius: float) -> np.ndarray:
-    """A maximal subset with no two points closer than `radius`, the same as throwing them in order."""
+    """Mark a maximal subset with no two points closer than `radius`, the same one as throwing them one by one."""
     pairs = KDTree(positions).query_pairs(radius, output_type="ndarray")
     winner, loser = pairs.T
     undecided = np.ones(len(positions), bool)
@@ -81,7 +81,7 @@ def _remove_crowded(positions: np.ndarray, surplus: int, largest: float) -> np.n
     while surplus > 0:
         weight = np.bincount(first, share, len(positions))
         crowded = alive.copy()
-        # Ties go to the higher index, so that neighbours are never removed together.
+        # Of equal weights the higher index is removed, so that neighbours are never removed together.
         lower = (weight[first] < weight[second]) | ((weight[first] == weight[second]) & (first < second))
         crowded[first[lower]] = False
         leaving = np.flatnonzero(crowded)

@@ -1,9 +1,9 @@
-"""Charts without overlaps for any set of faces.
+"""Computes scalp charts without overlaps, for any set of faces.
 
-Each piece of the scalp is made a disk (holes are filled with fans that stand in for what is missing), laid on a
-circle by Tutte's embedding, which cannot overlap, and relaxed towards equal lengths by `chart_relax`, whose every
-step keeps all triangles turned the same way and the outline simple: the chart stays injective. Pieces are turned so
-that u runs along world +x, scaled to their true area and packed on shelves.
+Each piece of the scalp is turned into a disk (holes are filled with fans of triangles) and mapped to a circle by
+Tutte's embedding, which cannot overlap. `chart_relax` then relaxes it towards equal lengths; its steps never flip a
+triangle or let the outline cross itself, so the chart stays injective. Finally the pieces are rotated so that u runs
+along world +x, scaled to their true area and packed on shelves.
 """
 
 import math
@@ -26,7 +26,7 @@ MARGIN = 0.02
 def chart_faces(mesh: Mesh, faces: Int64[torch.Tensor, " scalp"]) -> Float[torch.Tensor, "scalp 3 2"]:
     """Chart the given faces of `mesh`: uv of their corners in [0, 1], without overlaps.
 
-    Pieces that cannot be flattened as a whole (closed, with a handle, or joined along edges of three faces) are cut.
+    Pieces that cannot be flattened as a whole (closed, with a handle, or with edges shared by three faces) are cut.
     """
     vertices = mesh.vertices.detach().cpu().double().numpy()
     chosen = mesh.faces[faces].cpu().numpy()
@@ -53,7 +53,7 @@ def _flat_pieces(vertices: np.ndarray, faces: np.ndarray) -> Iterator[tuple[np.n
 
 
 def _flatten(patch: Patch) -> np.ndarray | None:
-    """Injective flat corners (face, 3, 2) in metres; None where Tutte's embedding degenerates."""
+    """Injective flat corners (face, 3, 2) in metres; None if Tutte's embedding degenerates."""
     start = tutte_embedding(patch.triangles, patch.boundary, patch.positions)
     if _signed_areas(start[patch.triangles]).min() <= 0:
         return None
@@ -63,12 +63,12 @@ def _flatten(patch: Patch) -> np.ndarray | None:
 
 
 def tutte_embedding(triangles: np.ndarray, boundary: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Tutte's embedding of a disk in the unit circle with equal weights: injective by his theorem.
+    """Tutte's embedding of a disk in the unit circle with equal weights, which is injective (Tutte 1963).
 
     Args:
         triangles: (face, 3) vertex indices.
-        boundary: vertex indices around the rim, counter-clockwise.
-        positions: (vertex, 3); the rim's lengths space its points on the circle.
+        boundary: vertex indices of the outline, counter-clockwise.
+        positions: (vertex, 3); the lengths of the outline's edges space its points on the circle.
     """
     count = len(positions)
     lengths = np.linalg.norm(positions[boundary] - positions[np.roll(boundary, -1)], axis=1)
@@ -94,7 +94,7 @@ def _upright(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
     weights = np.repeat(_areas(corners), 3) / 3 + 1e-30
     world = corners.reshape(-1, 3) - np.average(corners.reshape(-1, 3), axis=0, weights=weights)
     local = flat.reshape(-1, 2) - np.average(flat.reshape(-1, 2), axis=0, weights=weights)
-    # Where a piece is upright, its height replaces depth: the nape lies beyond the crown.
+    # On vertical parts height replaces depth, so that v continues from the crown to the nape.
     target = np.stack([world[:, 0], -world[:, 2] - world[:, 1]], axis=1)
     covariance = (local * weights[:, None]).T @ target
     angle = math.atan2(covariance[0, 1] - covariance[1, 0], covariance[0, 0] + covariance[1, 1])
@@ -122,7 +122,7 @@ def _pack(pieces: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def _shelves(sizes: np.ndarray, order: np.ndarray, side: float) -> np.ndarray | None:
-    """Lower-left corners of boxes on shelves in a square of this side, or None where they do not fit."""
+    """Lower-left corners of boxes on shelves in a square of this side, or None if they do not fit."""
     gap = MARGIN * side
     corners = np.zeros_like(sizes)
     x = y = shelf = 0.0

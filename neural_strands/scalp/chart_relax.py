@@ -1,4 +1,4 @@
-"""Relaxing a flat disk towards the lengths of its surface without overlaps.
+"""Relaxes a flat disk towards the lengths of its surface, without overlaps.
 
 Minimises the symmetric Dirichlet energy (Smith and Schaefer 2015, "Bijective parameterization with free boundaries") by
 L-BFGS preconditioned with the surface's Laplacian. A step that would flip a triangle or make the outline cross itself
@@ -14,10 +14,10 @@ from scipy.sparse.linalg import splu
 
 ITERATIONS = 80
 MEMORY = 6
-"""Pairs of steps that L-BFGS keeps."""
+"""Number of past steps that L-BFGS uses."""
 
 TOLERANCE = 1e-4
-"""Relative fall of the energy over `PATIENCE` steps at which it counts as converged."""
+"""The energy counts as converged if it falls by less than this share over `PATIENCE` steps."""
 
 PATIENCE = 5
 
@@ -25,7 +25,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 """Solves a linear system for a right-hand side (vertex, 2)."""
 
 Pairs = deque[tuple[np.ndarray, np.ndarray]]
-"""Past steps and the changes of the gradient they caused."""
+"""Past steps, and the change of the gradient over each."""
 
 
 def relax(
@@ -37,7 +37,7 @@ def relax(
         positions: (vertex, 3) metres.
         triangles: (triangle, 3) vertex indices.
         boundary: (rim,) outline, counter-clockwise.
-        weights: (triangle,) how much each triangle's shape counts.
+        weights: (triangle,) weight of each triangle's shape.
         start: (vertex, 2) an injective map, metres.
 
     Returns:
@@ -73,7 +73,7 @@ def relax(
 
 
 def _rest_shapes(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse (2, 2) edge matrices of each triangle laid flat, and areas; slivers are thickened to be invertible."""
+    """Inverse (2, 2) edge matrices of each triangle laid flat, and its area; slivers are thickened to be invertible."""
     along = corners[:, 1] - corners[:, 0]
     other = corners[:, 2] - corners[:, 0]
     width = np.linalg.norm(along, axis=1)
@@ -115,7 +115,7 @@ def _energy(
 
 
 def _laplacian_solver(triangles: np.ndarray, rest_inverse: np.ndarray, area: np.ndarray, count: int) -> Solve:
-    """The solve of the surface's Laplacian (times the energy's Hessian at rest), slightly regularised."""
+    """Build a solver for the surface's Laplacian (times the energy's Hessian at rest), slightly regularised."""
     hats = np.stack([-rest_inverse.sum(axis=1), rest_inverse[:, 0], rest_inverse[:, 1]], axis=1)
     blocks = 8 * area[:, None, None] * hats @ hats.transpose(0, 2, 1)
     rows = np.repeat(triangles, 3, axis=1).ravel()
@@ -153,7 +153,7 @@ def _line_search(uv: np.ndarray, direction: np.ndarray, energy: float, gradient:
 
 
 def _first_flip(corners: np.ndarray, moves: np.ndarray) -> float:
-    """The smallest positive step at which a triangle's area vanishes (roots of a quadratic each)."""
+    """The smallest positive step at which a triangle's area vanishes (the root of a quadratic per triangle)."""
     edge_a, edge_b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     move_a, move_b = moves[:, 1] - moves[:, 0], moves[:, 2] - moves[:, 0]
     a, c = _cross(move_a, move_b), _cross(edge_a, edge_b)

@@ -1,7 +1,7 @@
-"""Fitting a template head to given roots: scale, rotation and translation by iterated closest points.
+"""Fits a template head to given roots: scale, rotation and translation, by iterative closest points (ICP).
 
 Grooms often come without their head, in any unit and with any axis up. Matches in both directions are used together
-(roots to the scalp, scalp to the roots); with one direction alone the scale diverges.
+(roots to scalp and scalp to roots); with only one the scale diverges.
 """
 
 import itertools
@@ -35,7 +35,7 @@ SCALP_WEIGHT = 0.5
 """Weight of the scalp's matches relative to those of the roots."""
 
 BELIEF = 1.3
-"""How much worse the fit with the given axes (y up, +z front) may be than a rotated one and still be preferred."""
+"""The fit with the usual axes (y up, +z front) is preferred unless its score exceeds a rotated one's by this factor."""
 
 SETTLED = 1e-6
 """Relative change of the residual at which the fit stops."""
@@ -48,7 +48,7 @@ class Similarity:
     Attributes:
         scale: positive factor.
         rotation: proper rotation.
-        translation: in the target's unit.
+        translation: translation, in the target's unit.
         residual: root mean square of the distances from roots to scalp and from scalp to roots, target's unit; 0 if not
             fitted.
     """
@@ -63,18 +63,18 @@ class Similarity:
         return self.scale * points @ self.rotation.T.to(points) + self.translation.to(points)
 
     def inverse(self) -> "Similarity":
-        """The transform back."""
+        """The inverse transform."""
         back = -(self.rotation.T @ self.translation) / self.scale
         return Similarity(1.0 / self.scale, self.rotation.T, back, self.residual / self.scale)
 
 
 def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes: bool = True) -> Similarity:
-    """The similarity that maps the head's scalp to given roots.
+    """Find the similarity that maps the head's scalp to given roots.
 
     Args:
-        head: template.
+        head: the template.
         root_positions: roots all over a scalp, in any unit; at least ten.
-        any_axes: try all 24 axis-aligned turns; otherwise the roots are taken to be y up, +z out of the face.
+        any_axes: try all 24 axis-aligned rotations; otherwise the roots are assumed to be y up, +z out of the face.
 
     Raises:
         ValueError: fewer than ten roots.
@@ -87,7 +87,7 @@ def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes
     index = MeshIndex(head.to("cpu").scalp_mesh)
     turns = _axis_rotations() if any_axes else [np.eye(3)]
     coarse = (scalp[:COARSE_POINTS], _spread(roots, COARSE_POINTS))
-    # At first only scale and position: free to rotate, a wrong start would end in a wrong minimum.
+    # Fit only scale and position first: with a free rotation, a wrong start would end in a wrong minimum.
     trials = [_iterate(_start(turn, scalp, roots), index, *coarse, COARSE_ROUNDS, turning=False) for turn in turns]
     upright = next(trial for trial, turn in zip(trials, turns, strict=True) if np.allclose(turn, np.eye(3)))
     best = [upright, *sorted((trial for trial in trials if trial is not upright), key=_score)[:FINALISTS]]
@@ -99,7 +99,7 @@ def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes
 
 
 def _score(fit: Similarity) -> float:
-    """Residual in the head's own size, so that a larger head does not win."""
+    """Residual relative to the head's scale, so that a larger head does not win."""
     return fit.residual / fit.scale
 
 
@@ -111,7 +111,8 @@ def umeyama(
 ) -> Similarity:
     """Least-squares similarity between matched points (Umeyama 1991), its scale the ratio of the spreads (Horn 1987).
 
-    The ratio treats source and target alike, where least squares would shrink under noise. A given `turn` is kept.
+    That ratio is symmetric in source and target, whereas a least-squares scale shrinks under noise. A given rotation
+    `turn` is kept fixed.
     """
     weights = weights / weights.sum()
     source_mean, target_mean = weights @ source, weights @ target
@@ -127,7 +128,7 @@ def umeyama(
 def _iterate(
     start: Similarity, index: MeshIndex, scalp: np.ndarray, roots: np.ndarray, rounds: int, turning: bool
 ) -> Similarity:
-    """Alternate matching and solving; the residual is that of all matches in both directions, trimmed or not."""
+    """Alternate matching and solving; the residual is over all matches in both directions, trimmed ones included."""
     tree, fit, previous = KDTree(roots), start, np.inf
     turn = None if turning else start.rotation.numpy()
     for _ in range(rounds):
@@ -153,7 +154,7 @@ def _kept(gap: np.ndarray, trim: float) -> np.ndarray:
 
 
 def _start(turn: np.ndarray, scalp: np.ndarray, roots: np.ndarray) -> Similarity:
-    """Centres and spreads made equal after a rotation."""
+    """The similarity with a given rotation that equalises centres and spreads."""
     scale = float(np.sqrt(roots.var(axis=0).sum() / scalp.var(axis=0).sum()))
     translation = roots.mean(axis=0) - scale * turn @ scalp.mean(axis=0)
     return Similarity(scale, torch.from_numpy(turn), torch.from_numpy(translation))

@@ -1,8 +1,8 @@
-"""Finding the scalp on any upright head from its geometry alone: proportions, in units of the head's width.
+"""Finds the scalp of any upright head from its geometry alone, by proportions in units of the head's width.
 
-The head's width comes from the top: walking down from the highest point, the depth at which the head is less than
-twice as wide as it is deep is a little below its widest ring. The hairline is then a depth below the crown for each
-direction about the head's axis, from anatomical proportions: forehead, temple, around the ear, nape.
+The head's width is measured from the top: walking down from the highest point, the depth at which the head stops being
+twice as wide as that depth is a little below its widest ring. The hairline is then given as a depth below the crown for
+each direction around the head's axis, from anatomical proportions: forehead, temple, around the ear, nape.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ AXIS_BEHIND = 0.02
 """Distance of the axis of those directions behind the middle of the head, in head widths."""
 
 SKIPPED = 0.02
-"""Share of the mesh's height at the top in which a few vertices do not yet show a width."""
+"""Share of the mesh's height, from the top, that is skipped: too few vertices there to measure a width."""
 
 OUTSIDE = 1e-3
 """Height above a face, in head widths, at which it is tested whether the face lies on the outer skin."""
@@ -38,7 +38,7 @@ class HeadMeasure:
 
     Attributes:
         crown: highest point of the axis, mesh units.
-        width: width of the head over the ears' roots, mesh units.
+        width: width of the head above the ears, mesh units.
     """
 
     crown: Float[Tensor, "3"]
@@ -59,7 +59,7 @@ def measure_head(vertices: Float[Tensor, "vertex 3"]) -> HeadMeasure:
 
 
 def scalp_faces(mesh: Mesh) -> Int64[Tensor, " scalp"]:
-    """The faces that hair grows from on an upright head (y up, +z out of the face), in any unit.
+    """Find the faces that hair grows from on an upright head (y up, +z out of the face), in any unit.
 
     Raises:
         ValueError: no face lies above the hairline.
@@ -84,7 +84,7 @@ def scalp_faces(mesh: Mesh) -> Int64[Tensor, " scalp"]:
 
 
 def _on_outer_skin(mesh: Mesh, faces: Int64[Tensor, " face"], width: float) -> Tensor:
-    """Whether the space just above each face is outside the mesh: drops eyes, mouths and inner walls."""
+    """Whether the space just above each face is outside the mesh; false for eyes, mouths and inner walls."""
     corners = mesh.vertices[mesh.faces[faces]]
     normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1)
     above = corners.mean(dim=1) + OUTSIDE * width * torch.nn.functional.normalize(normal, dim=-1)

@@ -28,7 +28,7 @@ class Head:
 
     @property
     def scalp_mesh(self) -> Mesh:
-        """The scalp alone: the vertices of the whole head, the faces of the scalp, uv from the chart."""
+        """Only the scalp: the vertices of the whole head, the faces of the scalp, uv from the chart."""
         return Mesh(self.mesh.vertices, self.mesh.faces[self.scalp_faces], self.scalp_uv)
 
     @property
@@ -41,13 +41,13 @@ class Head:
         return Head(self.mesh.to(device), self.scalp_faces.to(device), self.scalp_uv.to(device))
 
     def transformed(self, scale: float, rotation: Float[Tensor, "3 3"], translation: Float[Tensor, "3"]) -> "Head":
-        """The head under x -> scale * rotation @ x + translation; the chart stays."""
+        """Apply x -> scale * rotation @ x + translation; the chart stays the same."""
         vertices = scale * self.mesh.vertices @ rotation.T.to(self.mesh.vertices) + translation.to(self.mesh.vertices)
         return replace(self, mesh=replace(self.mesh, vertices=vertices))
 
 
 def scalp_vertex_frames(head: Head) -> tuple[Float[Tensor, "scalp 3 3"], Float[Tensor, "scalp 3 3"]]:
-    """Smooth normals and tangents at the corners of the scalp's faces, to be interpolated and made orthonormal.
+    """Smooth normals and tangents at the corners of the scalp's faces, to be interpolated and orthonormalised.
 
     Normals come from the whole mesh. Tangents (dP/du of each face, weighted by area) are averaged over the faces that
     share both the vertex and its place in the chart, so that they do not mix across seams.

@@ -1,7 +1,7 @@
-"""A head as its files say: the mesh, and the faces hair grows from where a file names them. No chart is made.
+"""A head as read from files: the mesh and, if a file names them, the faces hair grows from. No chart is made.
 
-This is the one rule for heads, whoever asks: the mesh keeps its faces in file order, and `scalp_faces.json` beside it
-says which of them are scalp, unless another file is named.
+All commands read heads by the same rule: the mesh keeps its faces in file order, and `scalp_faces.json` beside it says
+which of them are scalp, unless another file is named.
 """
 
 from dataclasses import dataclass
@@ -18,23 +18,23 @@ from neural_strands.scalp.mesh_file import MeshFile, read_mesh_file
 from neural_strands.scalp.scalp_file import ScalpFile, read_scalp_file
 
 SCALP_NAME = "scalp_faces.json"
-"""The file beside a head mesh that names the faces hair grows from."""
+"""Name of the file, beside a head mesh, that lists the faces hair grows from."""
 HEAD_WIDTH = 0.155
-"""Metres: what the width of a head is taken to be when its unit is guessed."""
+"""Width of a head, metres, from which a mesh's unit is guessed."""
 UNITS = (1.0, 0.1, 0.01, 0.001, 0.0254)
-"""Metres in a metre, decimetre, centimetre, millimetre and inch."""
+"""Metres per unit, for metre, decimetre, centimetre, millimetre and inch."""
 SMALLEST, LARGEST = 0.05, 0.5
-"""Metres between which a head's width lies, from a doll's to a giant's: beyond, the file's unit is not the metre."""
+"""Plausible widths of a head, metres, from a doll's to a giant's; outside, the file's unit is not the metre."""
 
 
 @dataclass(frozen=True)
 class HeadFile:
-    """A head as read.
+    """A head as read from files.
 
     Attributes:
         path: the mesh file.
-        source: its mesh, in the file's unit, with the numbers of its faces.
-        scalp: where hair grows; None where no file says so.
+        source: its mesh, in the file's unit, with its faces in file order.
+        scalp: where hair grows; None if no file says so.
     """
 
     path: Path
@@ -48,12 +48,12 @@ class HeadFile:
 
     @property
     def scalp_faces(self) -> Int64[Tensor, " scalp"] | None:
-        """Triangles of `mesh` that hair grows from, in rising order; None where no file says so."""
+        """Triangles of `mesh` that hair grows from, ascending; None if no file says so."""
         return None if self.scalp is None else self.scalp.faces
 
     @property
     def scalp_area(self) -> float | None:
-        """Area of the scalp in squares of the file's unit; None where no file says what is scalp."""
+        """Area of the scalp in squares of the file's unit; None if no file says what is scalp."""
         return None if self.scalp is None else float(face_areas(self.mesh)[self.scalp.faces].sum())
 
 
@@ -62,8 +62,8 @@ def read_head_file(path: Path, scalp: Path | None = None) -> HeadFile:
 
     Args:
         path: the mesh.
-        scalp: what names the faces hair grows from, as `read_scalp_file` takes it; without it, `scalp_faces.json`
-            beside the mesh where there is one.
+        scalp: a file that names the faces hair grows from (see `read_scalp_file`); by default `scalp_faces.json` beside
+            the mesh, if it exists.
 
     Raises:
         InputError: a file is missing or unreadable, the two contradict each other, or the scalp has no area.
@@ -82,10 +82,10 @@ def read_head_file(path: Path, scalp: Path | None = None) -> HeadFile:
 
 
 def read_metric_head(path: Path) -> HeadFile:
-    """Read a head that lies in the metres of a capture or a groom; its unit is not guessed.
+    """Read a head that lies in the frame of a capture or a groom, in metres; its unit is not guessed.
 
     Raises:
-        InputError: as `read_head_file`, or the head is obviously not in metres.
+        InputError: as for `read_head_file`, or the head is obviously not in metres.
     """
     head = read_head_file(path)
     width = measure_head(head.mesh.vertices).width
@@ -98,12 +98,12 @@ def read_metric_head(path: Path) -> HeadFile:
 
 
 def in_metres(width: float) -> bool:
-    """Whether a head of this width can be in metres."""
+    """Whether this is a plausible width of a head in metres."""
     return SMALLEST <= width <= LARGEST
 
 
 def guess_unit(vertices: Float[Tensor, "vertex 3"]) -> float:
-    """Metres in one unit of a mesh that holds a head: the unit that makes its width most like a head's."""
+    """Guess the metres per unit of a mesh with a head: the unit in which the head's width is most plausible."""
     width = measure_head(vertices).width
     ratios = [abs(np.log(max(width, 1e-12) * unit / HEAD_WIDTH)) for unit in UNITS]
     return UNITS[int(np.argmin(ratios))]

@@ -1,4 +1,4 @@
-"""Heads from files: any mesh, with its scalp given, painted, or found, and charted."""
+"""Loads heads from files: any mesh; its scalp is read, or found by proportions, and charted."""
 
 import math
 from dataclasses import replace
@@ -20,14 +20,14 @@ from neural_strands.scalp.scalp_file import ScalpFile
 
 
 def load_head(path: Path | str, scalp: Path | str | None = None, scale: float | None = None) -> Head:
-    """Load a head: y up, +z out of the face; units are guessed from its width unless `scale` is given.
+    """Load a head (y up, +z out of the face); its unit is guessed from its width unless `scale` is given.
 
     Args:
         path: a mesh file; its faces keep their order.
-        scalp: what says where hair grows: a chart, a list of faces or vertices, or a painted mask
-            (`scalp.scalp_file.read_scalp_file`); without it `scalp_faces.json` beside the mesh, and where there is
-            none the scalp is found by proportions.
-        scale: metres in one unit of the file.
+        scalp: file that says where hair grows: a chart, a list of faces or vertices, or a painted mask
+            (`scalp.scalp_file.read_scalp_file`); by default `scalp_faces.json` beside the mesh. Without any, the scalp
+            is found by proportions.
+        scale: metres per unit of the file.
 
     Raises:
         InputError: a file is missing, unreadable or contradicts the other, or the chart overlaps itself.
@@ -39,11 +39,11 @@ def load_head(path: Path | str, scalp: Path | str | None = None, scale: float | 
 
 
 def chart_head(file: HeadFile, unit: float = 1.0) -> Head:
-    """Make a head of what its files say: find the scalp where none names it, and chart it where none charts it.
+    """Turn a head's files into a head: find the scalp if no file names it, and chart it if no file has a chart.
 
     Args:
         file: mesh and scalp as read.
-        unit: metres in one unit of the file.
+        unit: metres per unit of the file.
 
     Raises:
         InputError: no scalp is found, or the file's chart leaves [0, 1] or overlaps itself.
@@ -61,7 +61,7 @@ def _check_chart(head: Head, scalp: ScalpFile, polygon: np.ndarray) -> None:
     """Refuse a chart that leaves [0, 1] or overlaps itself, naming faces of the file.
 
     Raises:
-        InputError: as above; `polygon` leads from the mesh's faces to the file's.
+        InputError: the chart leaves [0, 1] or overlaps itself.
     """
     numbers = polygon[head.scalp_faces.numpy()]
     outside = ~((head.scalp_uv >= 0) & (head.scalp_uv <= 1)).all(dim=-1).all(dim=-1)
@@ -80,10 +80,10 @@ def _check_chart(head: Head, scalp: ScalpFile, polygon: np.ndarray) -> None:
 
 
 def find_scalp(file: HeadFile) -> Int64[Tensor, " scalp"]:
-    """The faces hair grows from: those that a file names or, without one, those that proportions tell.
+    """The faces hair grows from: those that a file names or, without one, those found by proportions.
 
     Raises:
-        InputError: no file names them, and the mesh is no upright head.
+        InputError: no file names them, and the mesh is not an upright head.
     """
     if file.scalp is not None:
         return file.scalp.faces

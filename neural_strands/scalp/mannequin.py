@@ -26,7 +26,7 @@ GRID = (
 
 @functools.cache
 def mannequin() -> Head:
-    """The mannequin, made once per process (about a second)."""
+    """Build the mannequin, once per process (about a second)."""
     x, y, z = (_axis(places) for places in GRID)
     # No grid point at x = 0: a cell straddles the plane of symmetry.
     x = x + 0.5 * (x[1] - x[0])
@@ -37,7 +37,7 @@ def mannequin() -> Head:
 
 
 def _axis(places: tuple[tuple[float, float], ...]) -> np.ndarray:
-    """Grid coordinates from the first place to the last, their spacing interpolated between (coordinate, spacing)."""
+    """Grid coordinates from the first place to the last; each place is (coordinate, spacing), interpolated between."""
     coordinates, spacings = np.array(places).T
     axis = [coordinates[0]]
     while axis[-1] < coordinates[-1]:

@@ -1,7 +1,7 @@
 """Mesh files with their faces in file order, so that lists of faces and charts by loop keep their meaning.
 
-A face is a polygon of the file, counted from 0 in file order. Polygons become fans of triangles from their first
-corner; `MeshFile.polygon` leads from a triangle back to its face.
+A face is a polygon of the file, counted from 0 in file order. Polygons are cut into fans of triangles from their first
+corner; `MeshFile.polygon` maps a triangle back to its face.
 """
 
 from collections.abc import Sequence
@@ -17,24 +17,24 @@ from neural_strands.foundation.input_files import check_file, read_bytes
 from neural_strands.geometry.mesh import Mesh, face_areas
 
 HELPER_GROUPS = ("helper", "joint")
-"""Prefixes of groups that are no skin: MakeHuman's base mesh carries clothes proxies and joint cubes."""
+"""Prefixes of groups that are not skin: MakeHuman's base mesh contains clothes proxies and joint cubes."""
 FORMATS = (".obj", ".ply", ".stl", ".glb")
 """Formats whose faces can be counted as in the file."""
 LARGEST = 1e9
-"""Coordinates and indices beyond this are garbage: no unit makes a head of them."""
+"""Coordinates and indices beyond this are garbage in any unit."""
 PLY_TEXTURE_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
-"""What exporters call the texture coordinates of a PLY's vertices."""
+"""Names that exporters give to the texture coordinates of a PLY's vertices."""
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh as its file has it, polygons cut into triangles.
+    """A mesh as in its file, with polygons cut into triangles.
 
     Attributes:
         mesh: triangles in the file's unit.
         polygon: (face,) the polygon of each triangle, counted in file order.
         loops: (face, 3) the running count of corners over all polygons, for each triangle's corners.
-        polygons: number of polygons in the file, those left out included.
+        polygons: number of polygons in the file, including skipped ones.
     """
 
     mesh: Mesh
@@ -45,14 +45,14 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class _Polygons:
-    """What a reader finds in a file.
+    """The polygons that a reader found in a file.
 
     Attributes:
         vertices: (vertex, 3) positions.
         sizes: (polygon,) corners of each polygon.
         corners: (corner,) vertex of every corner of every polygon.
-        uv: (corner, 2) texture coordinates, if every corner has some.
-        kept: (polygon,) false where a polygon is no skin.
+        uv: (corner, 2) texture coordinates, if every corner has them.
+        kept: (polygon,) false for polygons that are not skin.
     """
 
     vertices: np.ndarray
@@ -66,7 +66,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     """Read an OBJ, PLY, STL or GLB file without reordering its faces.
 
     Raises:
-        InputError: the file is absent or unreadable, has no surface, or names vertices that it does not have.
+        InputError: the file is missing or unreadable, has no surface, or refers to vertices that it does not have.
     """
     check_file(path, "a mesh file")
     suffix = path.suffix.lower()
@@ -83,10 +83,10 @@ def read_mesh_file(path: Path) -> MeshFile:
 
 
 def _check(path: Path, found: _Polygons) -> None:
-    """Refuse polygons that make no mesh.
+    """Refuse polygons that do not form a mesh.
 
     Raises:
-        InputError: as above.
+        InputError: there are no faces, or vertices or indices are invalid.
     """
     if not found.kept.any():
         raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")
@@ -125,7 +125,7 @@ def _fans(path: Path, found: _Polygons) -> MeshFile:
 
 
 def _read_obj(path: Path) -> _Polygons:
-    """Vertices, texture coordinates, faces and groups of a Wavefront OBJ; the rest of it is skipped."""
+    """Read vertices, texture coordinates, faces and groups of a Wavefront OBJ; everything else is skipped."""
     vertices: list[list[float]] = []
     textures: list[list[float]] = []
     sizes: list[int] = []
@@ -172,10 +172,10 @@ def _read_obj(path: Path) -> _Polygons:
 
 
 def _index(word: str, count: int) -> int:
-    """Index from 0 of what OBJ counts from 1, or back from the last with negative numbers.
+    """Convert an OBJ index (from 1, or negative and counted back from the last) to an index from 0.
 
     Raises:
-        ValueError: the word is no such number.
+        ValueError: the word is not such a number.
     """
     number = int(word)
     if number == 0 or abs(number) > LARGEST or number < -count:
@@ -188,11 +188,11 @@ def _whole(values: Sequence[int]) -> np.ndarray:
 
 
 def _read_with_trimesh(path: Path) -> _Polygons:
-    """PLY polygon by polygon, and the formats that know triangles only."""
+    """Read a PLY polygon by polygon, or one of the formats that only have triangles."""
     import trimesh
     from trimesh.exchange.ply import load_ply
 
-    # From memory, no claim about lengths takes more than there is, and no other file that this one names is opened.
+    # Read from memory: false claims about lengths cannot exceed it, and files that this one refers to are not opened.
     content = BytesIO(read_bytes(path, "a mesh file"))
     try:
         if path.suffix.lower() == ".ply":
@@ -209,17 +209,18 @@ def _read_with_trimesh(path: Path) -> _Polygons:
     uv = getattr(loaded.visual, "uv", None)
     corner_uv = None if uv is None else np.asarray(uv)[faces].reshape(-1, 2)
     if len(vertices) == faces.size:
-        # STL repeats every corner: only vertices that are shared make a surface.
+        # STL repeats every corner; merge equal vertices, so that faces are connected.
         vertices, shared = np.unique(vertices, axis=0, return_inverse=True)
         faces = shared.reshape(-1)[faces]
     return _Polygons(vertices, np.full(len(faces), 3), faces.reshape(-1), corner_uv, np.ones(len(faces), dtype=bool))
 
 
 def _polygons_of_ply(elements: dict) -> _Polygons:
-    """Polygons of a PLY's own tables: trimesh would cut them into triangles in another order.
+    """Take polygons from the PLY's own tables, because trimesh would cut them into triangles in another order.
 
     Raises:
-        KeyError: it has no vertices or no faces.
+        KeyError: there are no vertices or no faces.
+        ValueError: the texture coordinates are not two per corner.
     """
     table, faces = elements["vertex"]["data"], elements["face"]["data"]
     vertices = np.column_stack([table[axis] for axis in "xyz"]).astype(np.float64)
@@ -239,5 +240,5 @@ def _polygons_of_ply(elements: dict) -> _Polygons:
 
 
 def _lists(table: dict | np.ndarray, name: str) -> np.ndarray:
-    """A column of lists; binary tables hold each with its length before it."""
+    """A column of lists; in binary tables each is stored with its length before it."""
     return table[name] if isinstance(table, dict) else table[name]["f1"]

@@ -1,22 +1,22 @@
-"""Finding faces of a chart that overlap: a texel may belong to only one position of the scalp."""
+"""Finds faces of a chart that overlap: a texel may belong to only one position on the scalp."""
 
 import numpy as np
 from jaxtyping import Float, Int64
 from torch import Tensor, from_numpy
 
 SLACK = 1e-6
-"""Depth in uv up to which neighbours may overlap, because of rounding in files."""
+"""Depth in uv up to which neighbours may overlap because of rounding in files."""
 
 PAIRS_AT_ONCE = 2_000_000
 
 
 def overlapping_faces(uv: Float[Tensor, "face 3 2"]) -> Int64[Tensor, "pair 2"]:
-    """Pairs of faces whose interiors overlap in the chart by more than `SLACK`, whichever way they are turned."""
+    """Pairs of faces whose interiors overlap in the chart by more than `SLACK`, whatever their orientation."""
     corners = uv.detach().cpu().double().numpy()
     low, high = corners.min(axis=1), corners.max(axis=1)
     order = np.argsort(low[:, 0], kind="stable")
     low, high, corners = low[order], high[order], corners[order]
-    # Sweep along u: each face meets those that start before it ends.
+    # Sweep along u: each face is compared with those that start before it ends.
     ends = np.searchsorted(low[:, 0], high[:, 0] - SLACK)
     counts = np.maximum(ends - np.arange(len(corners)) - 1, 0)
     found = []
@@ -33,7 +33,7 @@ def overlapping_faces(uv: Float[Tensor, "face 3 2"]) -> Int64[Tensor, "pair 2"]:
 
 
 def _chunks(counts: np.ndarray) -> list[np.ndarray]:
-    """Faces in groups with a bounded number of pairs."""
+    """Split faces into groups with a bounded number of pairs."""
     run = np.cumsum(counts) // PAIRS_AT_ONCE
     return np.split(np.arange(len(counts)), np.flatnonzero(np.diff(run)) + 1)
 

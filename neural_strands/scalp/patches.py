@@ -1,4 +1,4 @@
-"""Cutting any set of triangles into disks that can be charted."""
+"""Cuts any set of triangles into disks that can be charted."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 FILL_WEIGHT = 0.01
-"""Weight of the triangles that fill a hole: they keep its rim open and give way to the real ones."""
+"""Weight of the triangles that fill a hole: enough to keep it open, too little to distort the real ones."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class Patch:
         faces: (face,) indices of the given faces.
         triangles: (triangle, 3) vertex indices into `positions`: the faces in order, then the fans that fill holes.
         positions: (vertex, 3) in metres; a vertex at which sheets only touch appears once per sheet.
-        boundary: (rim,) vertex indices of the outline, counter-clockwise.
-        weights: (triangle,) one for faces, small for filling.
+        boundary: (outline,) vertex indices of the outline, counter-clockwise.
+        weights: (triangle,) 1 for faces, `FILL_WEIGHT` for fans.
     """
 
     faces: np.ndarray
@@ -30,7 +30,7 @@ class Patch:
 
 
 def pieces(faces: np.ndarray) -> list[np.ndarray]:
-    """Indices of the faces of each piece that is connected across edges of exactly two consistently turned faces."""
+    """Indices of the faces of each piece, connected across edges of exactly two consistently oriented faces."""
     first, second = _links(faces)
     count = len(faces)
     graph = coo_matrix((np.ones(len(first)), (first // 3, second // 3)), shape=(count, count))
@@ -40,7 +40,7 @@ def pieces(faces: np.ndarray) -> list[np.ndarray]:
 
 
 def disk(positions: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> Patch | None:
-    """The piece of `faces[chosen]` as a disk, its holes filled; None if it is no disk (closed, or with a handle).
+    """Turn `faces[chosen]` into a disk with its holes filled; None if it cannot be one (closed, or with a handle).
 
     Args:
         positions: (vertex, 3) of the whole mesh.
@@ -53,7 +53,7 @@ def disk(positions: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> Patch 
     if not loops:
         return None
     outer = max(range(len(loops)), key=lambda i: _length(local[loops[i]]))
-    # A slit of two edges between the same two vertices is closed already.
+    # A slit of two edges between the same two vertices needs no filling.
     holes = [loop for i, loop in enumerate(loops) if i != outer and len(loop) > 2]
     filled, extra = [triangles], [local]
     for hole in holes:
@@ -77,7 +77,7 @@ def bisect(positions: np.ndarray, faces: np.ndarray, chosen: np.ndarray) -> tupl
 
 
 def _links(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of half-edges (3 * face + corner) that run against each other along an edge of exactly two faces."""
+    """Pairs of opposite half-edges (3 * face + corner) along edges of exactly two faces."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
     _, edge, count = np.unique(low * (faces.max() + 1) + high, return_inverse=True, return_counts=True)
@@ -94,7 +94,7 @@ def _split_vertices(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     size = 3 * len(faces)
     turn = np.arange(size).reshape(-1, 3)
     following = np.roll(turn, -1, axis=1).reshape(-1)
-    # Half-edges run against each other: the start of one is the end of the other.
+    # Half-edges of a pair are opposite: the start of one is the end of the other.
     rows = np.concatenate([first, following[first]])
     columns = np.concatenate([following[second], second])
     graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(size, size))
@@ -105,7 +105,7 @@ def _split_vertices(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _boundary_loops(triangles: np.ndarray) -> list[np.ndarray]:
-    """Vertex cycles along half-edges without a partner, the surface to their left."""
+    """Vertex cycles along half-edges without a partner, with the surface to their left."""
     first, second = _links(triangles)
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
     open_edges = np.setdiff1d(np.arange(len(start)), np.concatenate([first, second]))

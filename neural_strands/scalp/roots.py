@@ -13,7 +13,7 @@ from neural_strands.scalp.blue_noise import eliminate
 from neural_strands.scalp.head import Head, scalp_vertex_frames
 
 CANDIDATES = 4
-"""Random points from which each blue-noise root is chosen."""
+"""Number of random candidates per blue-noise root."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Roots:
         position: world metres.
         uv: chart coordinates.
         frame: columns tangent, bitangent, normal (world = frame @ local).
-        distance: metres from the scalp (zero for sampled roots).
+        distance: distance from the scalp, metres (zero for sampled roots).
     """
 
     position: Float[Tensor, "root 3"]
@@ -68,7 +68,7 @@ def sample_roots(head: Head, count: int, generator: torch.Generator) -> Roots:
 def attach_roots(head: Head, positions: Float[Tensor, "root 3"]) -> Roots:
     """Roots at the given positions, with the frame and the chart coordinates of the closest point of the scalp.
 
-    `distance` is that of each root from the scalp; rejecting roots (6.4 mm is usual) is left to the caller.
+    `distance` is measured to that point; rejecting distant roots (beyond 6.4 mm is usual) is left to the caller.
     """
     closest = closest_points(positions, head.scalp_mesh)
     attached = roots_at(head, closest.face, closest.barycentric)
@@ -87,7 +87,7 @@ def roots_at(head: Head, face: Int64[Tensor, " root"], barycentric: Float[Tensor
 def _random_points(
     head: Head, count: int, generator: torch.Generator
 ) -> tuple[Int64[Tensor, " point"], Float[Tensor, "point 3"]]:
-    """Uniform points by area: stratified along the faces' cumulative area, uniform within each; in random order."""
+    """Sample points uniformly by area: stratified over the cumulative area, uniform within faces, in random order."""
     vertices = head.mesh.vertices
     random = torch.rand(3, count, generator=generator, device=generator.device, dtype=torch.float64).to(vertices.device)
     cumulative = face_areas(head.scalp_mesh).double().cumsum(0)

@@ -1,4 +1,4 @@
-"""Where hair grows, as a file says it: a chart, a list of faces or vertices, or a painted mask."""
+"""Reads where hair grows from a file: a chart, a list of faces or vertices, or a painted mask."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,19 +15,19 @@ from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.scalp.mesh_file import MeshFile
 
 MOST_LOOPS = 10**9
-"""Corners of a mesh, all polygons together, at most."""
+"""Largest number of corners of a mesh, over all polygons."""
 PAINTED = 0.5
-"""Brightness from which a mask's pixel is scalp."""
+"""Brightness above which a pixel of a mask is scalp."""
 
 
 @dataclass(frozen=True)
 class ScalpFile:
-    """What a file says about the scalp of a mesh.
+    """The scalp of a mesh, as read from a file.
 
     Attributes:
         path: the file.
-        faces: triangles of the mesh that hair may grow from, in rising order.
-        uv: chart coordinates of their corners, where the file holds a chart.
+        faces: triangles of the mesh that hair may grow from, ascending.
+        uv: chart coordinates of their corners, if the file contains a chart.
     """
 
     path: Path
@@ -35,7 +35,7 @@ class ScalpFile:
     uv: Float[Tensor, "scalp 3 2"] | None = None
 
     def where(self, kept: Tensor) -> "ScalpFile":
-        """Only some of the faces, by a mask."""
+        """Keep the faces selected by a mask."""
         return ScalpFile(self.path, self.faces[kept], None if self.uv is None else self.uv[kept])
 
 
@@ -46,7 +46,7 @@ def read_scalp_file(path: Path, source: MeshFile) -> ScalpFile:
         path: a chart `.json` or `.json.gz` (face number -> loop number -> uv, MakeHuman's format); a `.json` list of
             face numbers (or {"faces": [...]}, {"vertices": [...]}); or an image painted bright over the scalp in the
             mesh's own uv.
-        source: the mesh that it belongs to.
+        source: the mesh that the file belongs to.
 
     Raises:
         InputError: the file is missing, unreadable or contradicts the mesh.
@@ -85,7 +85,7 @@ def _charted(path: Path, document: JsonValue, source: MeshFile) -> ScalpFile:
 
 
 def _number(name: str, count: int, owner: JsonValue) -> int:
-    """The face or loop that a member's name counts."""
+    """Parse the number of a face or loop, which is a member's name."""
     if name.isascii() and name.isdigit() and len(name) <= 10 and int(name) < count:
         return int(name)
     raise replace(owner, value=name).refuse(f"names that are numbers from 0 to {count - 1}")
@@ -97,7 +97,7 @@ def _of_polygons(source: MeshFile, numbers: list[int]) -> Int64[Tensor, " scalp"
 
 
 def _painted(path: Path, raw: bytes, source: MeshFile) -> Int64[Tensor, " scalp"]:
-    """Faces whose middle is painted bright in the mesh's own uv (the tile [0, 1] of UDIM layouts)."""
+    """Faces whose middle is painted bright, in the mesh's own uv (of UDIM layouts, the tile [0, 1])."""
     import cv2
 
     if source.mesh.corner_uv is None:

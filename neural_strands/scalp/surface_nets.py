@@ -8,7 +8,7 @@ SMOOTHING = 6
 """Rounds of tangential smoothing, each followed by a step back onto the surface."""
 
 PROBE = 1e-4
-"""Metres from a point to its probes along each axis."""
+"""Distance from a point to its probes along each axis, metres."""
 
 TETRAHEDRON = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
@@ -17,14 +17,14 @@ Distance = Callable[[np.ndarray], np.ndarray]
 
 
 def surface_nets(distance: Distance, axes: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh the zero level inside a box that the surface does not touch.
+    """Mesh the zero level of a distance function in a box whose border the surface does not touch.
 
-    Each cell that the surface crosses gives one vertex and each crossed grid edge one quad (Gibson 1998); vertices are
+    Each cell that the surface crosses yields one vertex and each crossed grid edge one quad (Gibson 1998); vertices are
     then spread evenly along the surface and projected onto it.
 
     Args:
         distance: the solid.
-        axes: rising grid coordinates along x, y and z, metres; denser where detail is.
+        axes: ascending grid coordinates along x, y and z, metres; may be denser where there is detail.
 
     Returns:
         vertices (vertex, 3) in metres and faces (face, 3), counter-clockwise seen from outside.
@@ -74,7 +74,7 @@ def _well_composed(inside: np.ndarray) -> np.ndarray:
 
 
 def _quads(inside: np.ndarray, number: np.ndarray, axis: int) -> np.ndarray:
-    """One quad for each grid edge along `axis` whose ends differ, turned outwards."""
+    """One quad for each grid edge along `axis` whose ends differ, oriented outwards."""
     along = np.moveaxis(inside, axis, 0)
     # Cyclic order of the other two axes keeps the quads' orientation the same for all three.
     if axis == 1:
@@ -90,7 +90,7 @@ def _quads(inside: np.ndarray, number: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _settle(distance: Distance, vertices: np.ndarray, quads: np.ndarray, spacing: float) -> np.ndarray:
-    """Alternate averaging over neighbours with steps onto the surface."""
+    """Alternate averaging over neighbours and steps onto the surface."""
     ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
     degree = np.bincount(ends[:, 0], minlength=len(vertices))
     for _ in range(SMOOTHING):
@@ -117,6 +117,6 @@ def _triangulate(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
     corners = vertices[quads]
     first = np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
     second = np.linalg.norm(corners[:, 1] - corners[:, 3], axis=1)
-    # A tolerance keeps mirror images cut alike.
+    # The tolerance makes mirror images be cut in the same way.
     turned = np.where((first <= second + 1e-9)[:, None], quads, np.roll(quads, -1, axis=1))
     return np.concatenate([turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]])

@@ -1,1 +1,1 @@
-"""Files for other programs: grooms with guides and motion; formats that are written only."""
+"""Export for other programs: grooms with guides and motion, and write-only formats."""

@@ -1,12 +1,12 @@
-"""`.abc` files (Alembic), through the module `alembic3d` or through Blender in a process of its own; written only.
+"""`.abc` files (Alembic), through the module `alembic3d` or through Blender in a separate process; write-only.
 
-`alembic3d`, the extra `alembic`, writes everything that Unreal reads (`unreal_alembic.py`). Where it is missing, or a
-Blender is named, Blender's module `bpy` writes; because that is large, asks for one version of Python and is under the
-GPL, it may live in another environment, in which `alembic_worker.py` is run.
+`alembic3d`, the extra `alembic`, writes everything that Unreal reads (`unreal_alembic.py`). If it is missing, or a
+Blender is given, Blender's module `bpy` writes the file. `bpy` is large, needs one particular version of Python and is
+under the GPL, so it may be installed in another environment, in which `alembic_worker.py` runs.
 
-Blender keeps points (y up, metres), widths and motion, of strands and guides. Either object has the custom properties
-`groom_group_id` (0) and `groom_guide` (0 or 1). Blender's exporter writes no attributes of single curves, so root uv
-and colours are not kept.
+Blender stores points (y up, metres), widths and motion of strands and guides. Both objects have the custom properties
+`groom_group_id` (0) and `groom_guide` (0 or 1). Blender's exporter does not write attributes per curve, so root uv and
+colours are lost.
 """
 
 import importlib.util
@@ -42,10 +42,10 @@ class Blender:
     python: Path | None = None
 
     def check(self) -> None:
-        """See that something is there that writes Alembic, before anything is computed.
+        """Check that Alembic can be written, before anything is computed.
 
         Raises:
-            InputError: there is no such interpreter, or this one has no `bpy`.
+            InputError: the interpreter does not exist, or this one has neither `alembic3d` nor `bpy`.
         """
         if self.python is not None and not self.python.is_file():
             raise InputError(f"{self.python}: expected a Python with Blender's module bpy, found no file; {ADVICE}.")
@@ -59,12 +59,12 @@ class Blender:
         """Run a worker on a request.
 
         Raises:
-            InputError: Blender is missing, or did not do what was asked.
+            InputError: Blender is missing, or failed.
         """
         self.check()
         python = sys.executable if self.python is None else str(self.python)
         try:
-            # -I: nothing of this environment's paths goes into the other's.
+            # -I isolates the other interpreter from this environment's paths.
             done = subprocess.run(
                 [python, "-I", str(worker)], input=json.dumps(request), capture_output=True, text=True, check=False
             )
@@ -81,7 +81,7 @@ def write_alembic(path: Path, groom: Groom, guides: Groom | None, motion: Motion
     """Write strands and guides.
 
     Raises:
-        InputError: there is neither alembic3d nor Blender, or Blender does not work.
+        InputError: there is neither alembic3d nor Blender, or Blender failed.
     """
     if blender.python is None and is_available():
         write_unreal_alembic(path, groom, guides, motion)

@@ -1,11 +1,11 @@
-"""A program of its own: writes Alembic with Blender, for `alembic.py`, which starts it.
+"""A separate program, started by `alembic.py`, that writes Alembic with Blender.
 
-It runs in whatever Python has `bpy`, so it imports nothing of this package. It reads a JSON document from standard
+It runs in any Python that has `bpy`, so it imports nothing from this package. It reads a JSON document from standard
 input,
 
     {"out": path, "objects": [{"name": text, "arrays": npz, "guide": 0 or 1, "frames": npy, "fps": number}, ...]}
 
-where the arrays are `vertices` (metres, y up), `sizes` and perhaps `width`, and `frames` and `fps` may be absent.
+where the arrays are `vertices` (metres, y up), `sizes` and optionally `width`, and `frames` and `fps` are optional.
 """
 
 import importlib
@@ -17,7 +17,7 @@ FIRST_FRAME = 0
 
 
 def main() -> int:
-    """Build the curves, and export them."""
+    """Build the curves and export them; returns the exit status."""
     request = json.loads(sys.stdin.read())
     bpy: Any = importlib.import_module("bpy")
     import numpy as np
@@ -47,7 +47,7 @@ def main() -> int:
         bpy.context.scene.render.fps = max(1, round(fps))
         bpy.context.scene.render.fps_base = max(1, round(fps)) / fps
 
-        # The exporter writes one sample only of what bears no animation.
+        # The exporter writes only one sample of an object without animation, so animate a dummy property.
         curves["frame"] = 0.0
         curves.keyframe_insert(data_path='["frame"]', frame=FIRST_FRAME)
 
@@ -56,13 +56,13 @@ def main() -> int:
             curves.update_tag()
 
         bpy.app.handlers.frame_change_pre.append(follow)
-    # The exporter must see every frame, so it may not run in the background.
+    # The exporter must step through every frame, so it must not run in the background.
     bpy.ops.wm.alembic_export(filepath=request["out"], start=FIRST_FRAME, end=last, as_background_job=False)
     return 0
 
 
 def place(curves: Any, vertices: Any) -> None:
-    """Put the points where they belong in Blender, where z is up."""
+    """Convert points to Blender's axes (z up) and assign them."""
     import numpy as np
 
     turned = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1).astype(np.float32)

@@ -1,7 +1,7 @@
-"""`.glb` files (glTF 2.0, binary): strands as coloured lines, for web pages and viewers; written only.
+"""`.glb` files (glTF 2.0, binary): strands as coloured lines, for web pages and viewers; write-only.
 
-All strands are one primitive of line segments, so that a browser draws them in one call. Kept: points (metres, y up, as
-glTF has them) and colours, linear. Widths are not kept: glTF's lines are one pixel wide. The material is unlit
+All strands are one primitive of line segments, so that a browser draws them in one call. Stored: points (metres, y up,
+as glTF requires) and linear colours. Widths are lost: glTF's lines are one pixel wide. The material is unlit
 (KHR_materials_unlit) because lines have no normals.
 """
 
@@ -15,11 +15,11 @@ import numpy as np
 from neural_strands.grooms.groom import Groom
 
 FLOAT, UNSIGNED_INT, UNSIGNED_SHORT = 5126, 5125, 5123
-"""glTF's numbers for component types."""
+"""glTF's codes for component types."""
 VERTICES, INDICES = 34962, 34963
 """Targets of buffer views."""
 LINES = 1
-"""Primitive mode: every two indices are a segment."""
+"""Primitive mode: every two indices form a segment."""
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
@@ -45,7 +45,7 @@ def write_glb(path: Path, groom: Groom) -> None:
     attributes = {"POSITION": 1}
     if groom.color is not None:
         per_vertex = groom.color.repeat_interleave(groom.sizes.to(groom.color.device), dim=0).cpu().numpy()
-        # Rows of four samples keep to glTF's alignment of four bytes.
+        # Four samples per row, because glTF aligns rows to four bytes.
         samples = np.full((len(vertices), 4), 65535, np.uint16)
         samples[:, :3] = np.clip(per_vertex, 0, 1) * 65535 + 0.5
         parts.append((samples, VERTICES, {"componentType": UNSIGNED_SHORT, "type": "VEC4", "normalized": True}))

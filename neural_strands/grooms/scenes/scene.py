@@ -1,4 +1,4 @@
-"""What is exported: strands, guides and motion, to any format that can hold them."""
+"""Exports strands, guides and motion to any format that can store them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,19 +14,19 @@ from neural_strands.grooms.scenes.gltf import write_glb
 from neural_strands.grooms.usd import write_usd
 
 WITH_MOTION = (".usd", ".usda", ".usdc", ".abc")
-"""Formats that hold guides and motion."""
+"""Formats that can store guides and motion."""
 SUFFIXES = (".usd", ".usda", ".usdc", ".abc", ".glb", *(name for name in WRITERS if not name.startswith(".usd")))
 """Formats that can be exported."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is exported, in metres, y up, +z out of the face.
+    """A groom to export, in metres, y up, +z out of the face.
 
     Attributes:
         strands: all strands.
-        guides: some of them, which stand for those around them.
-        motion: where the strands' points are over time.
+        guides: some of them, each representing those around it.
+        motion: positions of the strands' points over time.
     """
 
     strands: Groom
@@ -35,14 +35,14 @@ class Scene:
 
 
 def check_scene_path(path: Path, moves: bool = False) -> None:
-    """Refuse a name that no format fits, before any work is done.
+    """Refuse a file name without a suitable format, before any work is done.
 
     Args:
         path: the file.
-        moves: whether it must hold motion.
+        moves: whether the format must store motion.
 
     Raises:
-        InputError: names the formats.
+        InputError: the suffix is not one of the suitable formats, which the message lists.
     """
     fitting, what = (WITH_MOTION, "a format that holds motion") if moves else (SUFFIXES, "a groom")
     if path.suffix.lower() not in fitting:
@@ -51,15 +51,15 @@ def check_scene_path(path: Path, moves: bool = False) -> None:
 
 
 def write_scene(path: Path, scene: Scene, blender: Blender) -> None:
-    """Write a scene, completely or not at all; guides and motion are left out by formats that cannot hold them.
+    """Write a scene atomically; formats that cannot store guides and motion omit them.
 
     Args:
         path: the file; its suffix chooses the format.
-        scene: what to write.
-        blender: writes .abc.
+        scene: the scene to write.
+        blender: the Blender that writes `.abc` without alembic3d.
 
     Raises:
-        InputError: the suffix is unknown, Blender is needed and missing, the strands hold values that no reader
+        InputError: the suffix is unknown, Blender is needed and missing, the strands have values that no reader
             accepts, or the file cannot be written.
     """
     check_scene_path(path)

@@ -1,9 +1,9 @@
-"""`.abc` files (Alembic) with the attributes that Unreal Engine reads of grooms, through the module `alembic3d`.
+"""`.abc` files (Alembic) with the groom attributes that Unreal Engine reads, through the module `alembic3d`.
 
 Strands and guides are one set of linear curves each, in metres, y up; Unreal asks for the scale to centimetres (100)
-and the axes when it imports. Each set holds, after Epic's "Alembic for Grooms" 1.5, `groom_version_major` and
-`groom_version_minor`, `groom_group_id` (0) and `groom_guide` (0 or 1) once, `groom_id` and `groom_root_uv` a strand,
-`groom_width` a point, and `groom_color` a strand (linear). Widths are also those of the curves, for other programs.
+and the axes when it imports. Following Epic's "Alembic for Grooms" 1.5, each set has `groom_version_major`,
+`groom_version_minor`, `groom_group_id` (0) and `groom_guide` (0 or 1); per strand `groom_id`, `groom_root_uv` and
+`groom_color` (linear); and per point `groom_width`. Widths are also stored as those of the curves, for other programs.
 """
 
 import importlib
@@ -19,7 +19,7 @@ from neural_strands.grooms.motion import Motion
 
 MODULE = "alembic3d"
 VERSION = (1, 5)
-"""Of Epic's schema."""
+"""Version of Epic's schema."""
 
 
 def is_available() -> bool:
@@ -28,14 +28,14 @@ def is_available() -> bool:
 
 
 def write_unreal_alembic(path: Path, groom: Groom, guides: Groom | None, motion: Motion | None) -> None:
-    """Write strands, guides, and the strands' points in every frame."""
+    """Write strands, guides and motion."""
     abc = importlib.import_module(f"{MODULE}.Abc")
     archive = abc.OArchive(str(path))
     top = archive.getTop()
     _write_curves(archive, top, "strands", groom, 0, motion)
     if guides is not None:
         _write_curves(archive, top, "guides", guides, 1, None)
-    # The file is complete once nothing holds it.
+    # The file is completed when the last reference to the archive is gone.
     del top, archive
 
 
@@ -57,7 +57,7 @@ def _write_curves(archive: Any, top: Any, name: str, groom: Groom, guide: int, m
         sample = geometry.OCurvesSchemaSample(
             points, sizes, geometry.CurveType.kLinear, geometry.CurvePeriodicity.kNonPeriodic
         )
-        # Straight lines have no basis; the default is Bezier, and Blender would draw Bezier curves.
+        # Polylines have no basis; with the default, Blender would draw Bezier curves.
         sample.setBasis(geometry.BasisType.kNoBasis)
         if width is not None and frame == 0:
             sample.setWidths(geometry.OFloatGeomParamSample(width, scope.kVertexScope))
@@ -93,5 +93,5 @@ def _one(kind: Any, value: int) -> Any:
 
 
 def _plain(values: Tensor, kind: type) -> np.ndarray:
-    """Values as a contiguous array of one kind."""
+    """Values as a contiguous array of a numpy type."""
     return np.ascontiguousarray(values.detach().cpu().numpy(), kind)
