@@ -1,1 +1,1 @@
-"""A capture on disk: images, masks and calibrated cameras, read lazily and checked."""
+"""Captures on disk: images, masks and calibrated cameras, read lazily and checked."""

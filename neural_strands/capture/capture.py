@@ -1,7 +1,7 @@
 """A capture: calibrated photographs of one head, with masks, head and ground truth if known.
 
-A folder holds `transforms.json` or a COLMAP sparse model, the images, and optionally hair masks (`masks/`), person
-masks (`person_masks/`) and `ground_truth.npz`. The head in it is `capture.head`'s.
+A folder contains `transforms.json` or a COLMAP sparse model, the images, and optionally hair masks (`masks/`), person
+masks (`person_masks/`) and `ground_truth.npz`. Its head is handled by `capture.head`.
 """
 
 from collections.abc import Sequence
@@ -35,10 +35,10 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import Views
 
 CACHE_BYTES = 512 * 1024**2
-"""Decoded images kept by default, in bytes as stored (a megapixel of 8-bit RGB takes 3 MB)."""
+"""Default size of the cache of decoded images, bytes; a megapixel of 8-bit RGB takes 3 MB."""
 
 StoredPart = Literal["image", "alpha", "hair", "person"]
-"""What a view's files hold."""
+"""Parts of a view that its files contain."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ class Capture:
 
     Attributes:
         folder: the folder of the capture.
-        files: of each view, in the order of the calibration.
+        files: the files of each view, in the order of the calibration.
         cache: decoded images, shared by every subset of this capture.
-        mask_growth: by how much hair masks are grown as they are read, as a share of a view's longer side; negative
-            to shrink them.
+        mask_growth: distance by which hair masks are grown when they are read, as a share of a view's longer side;
+            negative to shrink them.
 
     Examples:
         >>> import neural_strands as ns
@@ -69,11 +69,11 @@ class Capture:
         """Read the calibration of a folder; no image is decoded yet.
 
         Args:
-            folder: holds `transforms.json`, or a COLMAP model in `sparse/0`, `sparse` or itself.
-            cache_bytes: how many bytes of decoded images and masks may be kept.
+            folder: contains `transforms.json`, or a COLMAP model in `sparse/0`, `sparse` or itself.
+            cache_bytes: size of the cache of decoded images and masks, bytes.
 
         Raises:
-            InputError: there is no calibration, or it is wrong.
+            InputError: there is no calibration, or it is malformed.
         """
         folder = Path(folder)
         if not folder.is_dir():
@@ -100,7 +100,7 @@ class Capture:
         return tuple(view.camera for view in self.files)
 
     def subset(self, indices: Sequence[int]) -> "Capture":
-        """The same capture with only these views, in this order; the cache is shared."""
+        """The capture with only these views, in this order; shares the cache."""
         return replace(self, files=tuple(self.files[index] for index in indices))
 
     def image(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width 3"]:
@@ -123,7 +123,7 @@ class Capture:
     def person_mask(self, index: int, device: torch.device | str = "cpu") -> Float[Tensor, "height width"] | None:
         """Coverage of the person in [0, 1], undistorted, on `device`: the mask file, or the image's alpha, or None.
 
-        An alpha channel that is opaque everywhere is not a mask of the person.
+        An alpha channel that is opaque everywhere does not count as a mask.
 
         Raises:
             InputError: the file is missing, does not decode, or has another size than its camera.
@@ -135,7 +135,7 @@ class Capture:
         return unit_tensor(stored, device)
 
     def views_on(self, device: torch.device | str = "cpu") -> Views:
-        """The photographs with cameras and masks, each read, on `device`, when it is asked for."""
+        """Cameras, photographs and masks on `device`; each image is read when it is requested."""
         readers = {"image": self.image, "hair_mask": self.hair_mask, "person_mask": self.person_mask}
         return Views(
             tuple(camera.to(device) for camera in self.cameras),
@@ -150,10 +150,10 @@ class Capture:
         return read_ground_truth(path) if path.is_file() else None
 
     def _stored(self, view: ViewFiles, part: StoredPart) -> np.ndarray:
-        """A part of a view as stored samples, undistorted, from the cache or decoded; without pixels if it is absent.
+        """Read a part of a view from the cache or its file, undistorted, as stored; an absent part is an empty array.
 
-        A photograph and its alpha channel are decoded together: whoever asks for one often asks for the other. Hair
-        masks are kept as they are grown, for a fit reads one at every step.
+        A photograph and its alpha channel are decoded together, because both are usually needed. Hair masks are cached
+        after growing, because a fit reads one at every step.
         """
         paths = {"hair": view.hair_mask_path, "person": view.person_mask_path}
         path = paths.get(part) or view.image_path
@@ -180,7 +180,7 @@ class Capture:
 
 
 def grown(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """A mask grown by a disc of so many pixels, or shrunk if that is negative."""
+    """Dilate a mask by a disc of `pixels` pixels, or erode it if that is negative."""
     if pixels == 0:
         return mask
     side = 2 * abs(pixels) + 1

@@ -18,24 +18,28 @@ from neural_strands.scalp.head_file import SCALP_NAME, read_head_file
 from neural_strands.scalp.load import find_scalp
 
 COMPARED_VIEWS = 12
-"""Views in which head and masks are compared at most, spread evenly over the capture."""
+"""Largest number of views in which head and masks are compared, spread evenly over the capture."""
 LIKELY_SCALP, LEAST_SCALP = 0.98, 0.6
-"""Share of the visible scalp in hair masks below which a head is doubtful, and wrong. True heads of path-traced
+"""Shares of the visible scalp inside hair masks below which a head is doubtful, or wrong. True heads of path-traced
 captures reach 0.99; those shifted by 6 cm 0.80 to 0.97, and those 1.3 times too large 0.94 to 0.97."""
 LIKELY_SKIN, MOST_SKIN = 0.85, 0.99
-"""Share of the other skin beside the scalp in hair masks above which a head or its masks are doubtful, and wrong. True
-heads have 0.5 to 0.71 under hair that falls over the face, heads turned backwards 0.90 to 0.97, and masks of the whole
-person given as masks of the hair 1."""
+"""Shares of the other visible skin inside hair masks above which a head or its masks are doubtful, or wrong. True heads
+reach 0.5 to 0.71 with hair that falls over the face, heads turned backwards 0.90 to 0.97, and masks of the whole person
+passed as hair masks 1."""
 LIKELY_HEAD, LEAST_HEAD = 0.95, 0.6
-"""Share of the visible head in person masks below which a head is doubtful, and wrong. Those 6 cm off or 1.3 times too
-large reach 0.82 to 0.95."""
+"""Shares of the visible head inside person masks below which a head is doubtful, or wrong. Heads shifted by 6 cm or 1.3
+times too large reach 0.82 to 0.95."""
 
 
 def check_head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Int64[Tensor, " scalp"] | None, Finding]:
-    """Read the head that is given, or else the capture's own.
+    """Read the given head, or else the capture's own.
+
+    Args:
+        capture: the capture.
+        given: head mesh that replaces the capture's own, if any.
 
     Returns:
-        the mesh in the file's unit, its scalp, and what was found; None and None where a fit would find no head.
+        The mesh in the file's unit, its scalp, and the finding; None and None if a fit would find no head.
     """
     path = head_path(capture.folder, given)
     if path is None:
@@ -50,7 +54,7 @@ def check_head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Int64
     except InputError as error:
         action = "fix the file or name another with --head"
         return None, None, Finding("head", "error", str(error).rstrip("."), action)
-    # In the file's unit, whose plausibility is another row's.
+    # Computed in the file's unit; `check_scale` checks the unit.
     area = 1e4 * float(face_areas(file.mesh)[scalp].sum())
     text = f"{path.name}, {len(file.mesh.faces)} triangles, {area:.0f} cm² of scalp"
     if file.scalp is None:
@@ -62,7 +66,7 @@ def check_head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Int64
 def check_agreement(
     capture: Capture, facts: Sequence[ImageFacts], head: Mesh, scalp: Int64[Tensor, " scalp"]
 ) -> Finding | None:
-    """Whether the head lies where the masks see hair and person; None where no mask tells."""
+    """Check that the head lies where the masks show hair and person; None if no mask can decide that."""
     usable = [index for index, fact in enumerate(facts) if _usable(fact)]
     if not usable:
         return None
@@ -73,7 +77,7 @@ def check_agreement(
 
 
 def judge_agreement(agreement: HeadAgreement) -> Finding | None:
-    """What an agreement means; None where no view sees the head."""
+    """Turn an agreement into a finding; None if no view sees the head."""
     scalp, skin, head = agreement.scalp_in_hair, agreement.skin_in_hair, agreement.head_in_person
     place = "check that head and cameras share one frame (y up, +z out of the face, metres)"
     problems: list[tuple[bool, str, str]] = []
@@ -96,6 +100,6 @@ def judge_agreement(agreement: HeadAgreement) -> Finding | None:
 
 
 def _usable(fact: ImageFacts) -> bool:
-    """Whether a view's masks say where hair or person is: empty ones have a row of their own."""
+    """Whether a view's masks show where hair or person is; empty masks are reported by `check_masks`."""
     empty = any(share is not None and share < EMPTY_MASK for share in (fact.hair, fact.person))
     return not fact.problem and not empty and (fact.hair is not None or fact.person is not None)

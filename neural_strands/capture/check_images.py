@@ -15,16 +15,18 @@ from neural_strands.foundation.progress import track
 from neural_strands.foundation.srgb import to_linear
 
 BLURRED = 0.55
-"""Share of an image's fine detail that survives a further blur of one pixel: sharp photographs keep 0.2 to 0.45, after
-a blur of 1.5 pixels 0.53 to 0.68, of 2 pixels 0.65 to 0.77 (measured on path-traced hair and real photographs)."""
+"""Share of an image's fine detail that survives a further blur of one pixel, above which it counts as blurred. Sharp
+photographs keep 0.2 to 0.45; after a blur of 1.5 pixels they keep 0.53 to 0.68, after 2 pixels 0.65 to 0.77 (measured
+on path-traced hair and real photographs)."""
 DRIFT = 0.75
-"""Photographic stops by which a view may differ from the views beside it (fixed lights change hair by up to 0.6)."""
+"""Photographic stops by which a view may differ from neighbouring views (hair under fixed lights varies by up to
+0.6)."""
 CLIPPED = 0.1
-"""Share of burnt-out pixels of the subject that is worth a warning."""
+"""Share of the subject's pixels that may be burnt out without a warning."""
 EMPTY_MASK = 0.001
 """A mask that covers less than this share of the image is empty."""
 FULL_MASK = 0.98
-"""A mask that covers more than this share of the image masks nothing."""
+"""A mask that covers more than this share of the image is useless."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +34,13 @@ class ImageFacts:
     """Facts about the files of one view.
 
     Attributes:
-        name: of the view.
+        name: name of the view.
         problem: why the image or a mask cannot be used, if it cannot.
-        blur: share of fine detail that survives a further blur, NaN where there is no detail at all.
+        blur: share of fine detail that survives a further blur; NaN if there is no detail at all.
         exposure: mean linear brightness of the subject, stops (log2).
         clipped: share of the subject's pixels that are burnt out.
-        hair: share of the image that the hair mask covers, None without a mask.
-        person: share of the image that the person mask covers, None without a mask.
+        hair: share of the image that the hair mask covers; None without a mask.
+        person: share of the image that the person mask covers; None without a mask.
     """
 
     name: str
@@ -51,12 +53,12 @@ class ImageFacts:
 
 
 def gather(capture: Capture) -> list[ImageFacts]:
-    """Check every view once."""
+    """Read every view once and gather its facts."""
     return [_facts(capture, index) for index in track(range(len(capture)), "looking at images")]
 
 
 def check_files(facts: Sequence[ImageFacts]) -> list[Finding]:
-    """Missing, unreadable and wrongly sized files: one row per view concerned."""
+    """Report missing, unreadable and wrongly sized files, one row per view."""
     broken = [fact for fact in facts if fact.problem]
     if not broken:
         return [Finding("files", "good", f"{len(facts)} images and their masks read and fit their cameras")]
@@ -64,7 +66,7 @@ def check_files(facts: Sequence[ImageFacts]) -> list[Finding]:
 
 
 def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:
-    """Absent, empty and full masks; `kind` is hair or person."""
+    """Report absent, empty and full masks; `kind` is "hair" or "person"."""
     covered = {fact.name: getattr(fact, kind) for fact in facts if not fact.problem}
     missing = tuple(name for name, share in covered.items() if share is None)
     if len(missing) == len(covered):
@@ -90,7 +92,7 @@ def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:
 
 
 def check_sharpness(facts: Sequence[ImageFacts]) -> Finding:
-    """Views without any detail, out of focus, or blurred by motion."""
+    """Report views without any detail, out of focus, or blurred by motion."""
     read = [fact for fact in facts if not fact.problem]
     known = [fact for fact in read if not math.isnan(fact.blur)]
     if not known:
@@ -108,7 +110,7 @@ def check_sharpness(facts: Sequence[ImageFacts]) -> Finding:
 
 
 def check_exposure(capture: Capture, facts: Sequence[ImageFacts]) -> Finding:
-    """Views that are brighter or darker than their neighbours, or burnt out."""
+    """Report views that are brighter or darker than their neighbours, or burnt out."""
     usable = [index for index, fact in enumerate(facts) if not fact.problem]
     if len(usable) < 4:
         return Finding("exposure", "note", "too few views to compare")
@@ -160,10 +162,10 @@ def _subject(image: np.ndarray, hair: torch.Tensor | None, person: torch.Tensor 
 
 
 def _blur(image: np.ndarray, subject: np.ndarray) -> float:
-    """How little an image changes when it is blurred once more (after Crete et al. 2007).
+    """Share of fine detail that survives another blur (after Crete et al. 2007).
 
-    The Laplacian's mean square after a Gaussian of one pixel over the one before: small for fine detail, near one for
-    an image that was blurred already. A first Gaussian of one pixel removes noise and rounding.
+    Ratio of the Laplacian's mean square after and before a Gaussian of one pixel: small for fine detail, near 1 for an
+    image that was already blurred. A preceding Gaussian of one pixel removes noise and rounding.
     """
     grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (0, 0), 1.0)
     fine = cv2.Laplacian(grey, cv2.CV_32F)[subject]

@@ -18,15 +18,15 @@ LIKELY_WIDTH = (0.1, 0.25)
 FRAME_WIDTH = (0.15, 3.0)
 """Plausible width of an image at the distance of the head, metres."""
 SEEN_SHARE = 0.3
-"""A camera sees the head when at least this share of the head's vertices falls into its image."""
+"""A camera sees the head if at least this share of the head's vertices falls into its image."""
 REACH = 45.0
 """Angle around a viewing direction within which hair counts as covered by it, degrees."""
 COVERED_SHARE = 0.5
 """Smallest share of all directions around the head that should be covered."""
 FEW_VIEWS = 12
-"""Fewer views than this give poor geometry."""
+"""Fewer views than this give a warning: the geometry would be poor."""
 SAME_POSE = 1e-6
-"""Poses that differ by less, as 4 x 4 matrices, are the same."""
+"""Poses whose 4 x 4 matrices differ by less are the same."""
 DIRECTIONS = 1000
 """Number of directions around the head in which coverage is tested."""
 
@@ -38,19 +38,19 @@ def subject_centre(cameras: Sequence[Camera], head: Mesh | None) -> Float[Tensor
     axes = torch.stack([camera.rotation[2] for camera in cameras]).double()
     positions = torch.stack([camera.position for camera in cameras]).double()
     across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
-    # Parallel axes do not meet; a small weight on the points one unit ahead keeps the system solvable.
+    # Parallel axes do not meet; a small weight on the points one unit ahead makes the system solvable.
     system = across.sum(dim=0) + 1e-9 * len(cameras) * torch.eye(3, dtype=torch.float64)
     right = (across @ positions[:, :, None]).sum(dim=0) + 1e-9 * (positions + axes).sum(dim=0)[:, None]
     return torch.linalg.solve(system, right)[:, 0].float()
 
 
 def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
-    """Whether the unit of the calibration is plausibly the metre."""
+    """Check that the unit of the calibration is plausibly the metre."""
     if head is not None:
         width = measure_head(head.vertices).width
         if LIKELY_WIDTH[0] <= width <= LIKELY_WIDTH[1]:
             return Finding("scale", "good", f"the head is {width:.2f} m wide")
-        # Beyond what `in_metres` allows a fit refuses the head.
+        # A fit refuses heads outside the range that `in_metres` allows.
         level = "warning" if in_metres(width) else "error"
         text = f"the head is {width:.3g} m wide, expected {LIKELY_WIDTH[0]} to {LIKELY_WIDTH[1]}"
         action = f"multiply the cameras' translations and the head by about {HEAD_WIDTH / max(width, 1e-9):.2g}"
@@ -71,7 +71,7 @@ def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
 
 
 def check_aim(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
-    """Whether each camera has the head (or the point that all look at) in its image."""
+    """Check that each camera has the head (or the point that all look at) in its image."""
     points = subject_centre(cameras, None)[None] if head is None else head.vertices
     blind = tuple(camera.name for camera in cameras if _seen_share(camera, points) < SEEN_SHARE)
     subject = "head" if head is not None else "point that the others look at"
@@ -87,7 +87,7 @@ def check_aim(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
 
 
 def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
-    """Whether there are enough views, all around the head."""
+    """Check that there are enough views, all around the head."""
     centre = subject_centre(cameras, head)
     toward = torch.nn.functional.normalize(torch.stack([camera.position for camera in cameras]) - centre, dim=-1)
     nearest = (_sphere(DIRECTIONS) @ toward.T).amax(dim=1)
@@ -106,7 +106,7 @@ def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
 
 
 def check_doubles(cameras: Sequence[Camera]) -> Finding | None:
-    """Views with the same pose, a sign of a broken export."""
+    """Report views with the same pose, a sign of a broken export."""
     same = doubled_poses(cameras)
     if not any(same):
         return None
@@ -118,9 +118,9 @@ def check_doubles(cameras: Sequence[Camera]) -> Finding | None:
 
 
 def doubled_poses(cameras: Sequence[Camera]) -> list[bool]:
-    """Of each camera, whether one before it has the same pose."""
+    """Whether an earlier camera has the same pose, for each camera."""
     poses = torch.stack([camera.world_to_camera for camera in cameras]).reshape(len(cameras), -1)
-    # Not by a matrix product, as cdist does for many: rounding would part poses that are the same.
+    # The matrix product that cdist uses for many rows would separate equal poses by rounding.
     apart = torch.cdist(poses, poses, compute_mode="donot_use_mm_for_euclid_dist")
     return (apart < SAME_POSE).triu(diagonal=1).any(dim=0).tolist()
 

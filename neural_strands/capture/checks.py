@@ -1,4 +1,4 @@
-"""All checks of a capture before a long run."""
+"""Runs all checks of a capture before a long run."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
 
     Args:
         folder: the capture.
-        head_file: head mesh that takes the place of the capture's own, if any.
+        head_file: head mesh that replaces the capture's own, if any.
 
     Raises:
         InputError: the calibration itself cannot be read, so that nothing else can be checked.
@@ -27,7 +27,7 @@ def check_capture(folder: Path, head_file: Path | None = None) -> list[Finding]:
     cameras = capture.cameras
     doubles, scale = check_doubles(cameras), check_scale(cameras, head)
     agreement = None
-    # A head of another unit agrees with nothing, which its scale says already.
+    # A head in another unit agrees with no mask; the scale check already reports that.
     if head is not None and scalp is not None and scale.level != "error":
         agreement = check_agreement(capture, facts, head, scalp)
     border = None if any(fact.problem for fact in facts) else check_border(capture)

@@ -13,7 +13,7 @@ from neural_strands.foundation.input_files import is_file_path, read_bytes, read
 from neural_strands.geometry.cameras import Camera
 
 MODELS = (("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8))
-"""Name and number of parameters of COLMAP's camera models, at the index that binary files store."""
+"""Name and number of parameters of COLMAP's camera models, in the order of the ids in binary files."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class ColmapImage:
 
 
 def find_sparse_model(folder: Path) -> Path | None:
-    """The folder that holds `cameras` and `images`, .bin or .txt: `sparse/0`, `sparse`, `colmap/...` or itself."""
+    """Find the folder with `cameras` and `images` (.bin or .txt): `sparse/0`, `sparse`, `colmap/...` or itself."""
     for name in ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."):
         for suffix in (".bin", ".txt"):
             if (folder / name / f"cameras{suffix}").is_file():
@@ -35,7 +35,7 @@ def find_sparse_model(folder: Path) -> Path | None:
 
 
 def read_colmap(folder: Path, model: Path) -> tuple[ViewFiles, ...]:
-    """Read every registered image of a sparse model, sorted by name; images lie in `folder/images` or `folder`.
+    """Read every registered image of a sparse model, sorted by name; images are in `folder/images` or `folder`.
 
     Raises:
         InputError: a file is missing, truncated or malformed, or a camera model is not supported.
@@ -130,7 +130,7 @@ class _Reader:
         self.offset += size
 
     def count(self, smallest: int) -> int:
-        """A count of records of at least `smallest` bytes each, rejected if the file cannot hold them."""
+        """Read a number of records of at least `smallest` bytes each; rejected if the file is too short for them."""
         start = self.offset
         (number,) = self.unpack("<Q")
         if number * smallest > len(self.data) - self.offset:
@@ -159,7 +159,7 @@ def _malformed(path: Path, place: str, expected: str) -> InputError:
 
 
 def _lens(name: str, width: int, height: int, parameters: list[float], source: str) -> Lens:
-    """Turn COLMAP's parameters into focal lengths, centre and OpenCV's coefficients."""
+    """Convert COLMAP's parameters to focal lengths, centre and OpenCV's coefficients."""
     known = dict(MODELS)
     if name not in known:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The findings of `check`: one row of the table each."""
+"""The findings of `check`, each one row of its table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

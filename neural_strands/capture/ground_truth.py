@@ -1,4 +1,4 @@
-"""The true strands that lie beside the photographs of a synthetic capture."""
+"""Reads the true strands of a synthetic capture."""
 
 from pathlib import Path
 
@@ -18,10 +18,10 @@ ADVICE = "synthesize the capture again"
 
 
 def read_ground_truth(path: Path) -> Strands:
-    """Read `ground_truth.npz`: `strands` (strand, point, 3), root first, times `unit` metres (1 where absent).
+    """Read `ground_truth.npz`: `strands` (strand, point, 3), root first, in multiples of `unit` metres (default 1).
 
     Raises:
-        InputError: the file cannot be read, an array is missing, has another shape or holds numbers that are not
+        InputError: the file cannot be read, an array is missing, has another shape or contains numbers that are not
             finite, or the strands are not in metres.
     """
     arrays = read_npz(path, "true strands", ARRAYS, ADVICE)

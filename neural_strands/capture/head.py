@@ -1,7 +1,7 @@
-"""The head of a capture: the one place that says which file it is.
+"""The head of a capture: all code that needs it finds its file here.
 
-A head that is named beside a capture replaces the capture's own. Either lies in the cameras' frame, in metres, and
-`scalp_faces.json` beside it says where hair grows, where there is one.
+A head given in addition to a capture replaces the capture's own. Both are in the cameras' frame, in metres;
+`scalp_faces.json` beside the mesh, if it exists, says where hair grows.
 """
 
 from pathlib import Path
@@ -16,14 +16,14 @@ HEAD_NAMES = ("head.obj", "head.ply", "head.stl", "head.glb")
 
 
 def head_path(folder: Path, given: Path | None = None) -> Path | None:
-    """The head's mesh: the file that is given, or else the one in a capture's folder, or else None."""
+    """Path of the head's mesh: the given file, or else the one in the capture's folder, or else None."""
     if given is not None:
         return given
     return next((folder / name for name in HEAD_NAMES if (folder / name).is_file()), None)
 
 
 def read_head(capture: Capture, given: Path | None = None) -> HeadFile | None:
-    """Read the head that is given, or else the capture's own, without charting its scalp; None where there is none.
+    """Read the given head, or else the capture's own, without charting its scalp; None if there is none.
 
     Raises:
         InputError: a file is missing or broken, or the head is obviously not in metres.
@@ -33,10 +33,10 @@ def read_head(capture: Capture, given: Path | None = None) -> HeadFile | None:
 
 
 def find_head(capture: Capture, given: Path | None = None) -> Head:
-    """The same head as a fit needs it, its scalp found where no file names it, and charted.
+    """Read the head as a fit needs it: its scalp found if no file names it, and charted.
 
     Raises:
-        InputError: as `read_head`, or there is no head.
+        InputError: as for `read_head`, or there is no head.
     """
     file = read_head(capture, given)
     if file is None:

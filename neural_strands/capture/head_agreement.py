@@ -1,6 +1,6 @@
-"""How well a head agrees with the masks of the photographs: whether it lies where the hair and the person are.
+"""Agreement of a head with the masks of the photographs: does it lie where the hair and the person are?
 
-Hair covers the scalp of a head in its place in every view that sees it. A head that is shifted, turned or of another
+In every view, hair covers the visible scalp of a correctly placed head. A head that is shifted, turned or of the wrong
 size shows scalp where the masks have no hair, or has hair all over its face.
 """
 
@@ -15,22 +15,24 @@ from neural_strands.geometry.views import Views
 from neural_strands.raster.triangles import rasterise_triangles
 
 LONGEST_SIDE = 192
-"""Pixels along the longer side of a view as it is compared: one is then about 3 mm on a head that fills the image."""
+"""Longer side of views as compared, pixels; one pixel is then about 3 mm on a head that fills the image."""
 SOME = 0.25
-"""Coverage of a pixel from which there is hair, or person, in it: masks of thin hair have holes."""
+"""Coverage above which a pixel contains some hair (or person); low, because masks of thin hair have holes."""
 MOST = 0.5
-"""Coverage of a pixel from which it shows hair rather than skin."""
+"""Coverage above which a pixel shows hair rather than skin."""
 
 
 @dataclass(frozen=True)
 class HeadAgreement:
-    """Shares of what the views see of the head, in [0, 1]; None where no view tells.
+    """Shares of the visible head, in [0, 1]; None if no view shows that part.
 
     Attributes:
-        scalp_in_hair: of the visible scalp, what lies in the hair masks or a pixel beside: near 1 for a right head.
-        skin_in_hair: of the other visible skin above the scalp's lowest point, what lies in the hair masks: small,
+        scalp_in_hair: share of the visible scalp inside hair masks, or within a pixel of them; near 1 for a correct
+            head.
+        skin_in_hair: share of the other visible skin above the scalp's lowest point that is inside hair masks; small,
             unless hair falls over the face.
-        head_in_person: of the visible head, what lies in the person masks or a pixel beside: near 1 for a right head.
+        head_in_person: share of the visible head inside person masks, or within a pixel of them; near 1 for a correct
+            head.
     """
 
     scalp_in_hair: float | None
@@ -43,13 +45,13 @@ def head_agreement(head: Mesh, scalp_faces: Int64[Tensor, " scalp"], views: View
 
     Args:
         head: the whole head, in the cameras' frame.
-        scalp_faces: its faces that hair grows from.
+        scalp_faces: the faces that hair grows from.
         views: cameras with their masks; no photograph is read.
     """
     is_scalp = torch.zeros(len(head.faces), dtype=torch.bool)
     is_scalp[scalp_faces] = True
     heights = head.corners()[..., 1]
-    # Below the lowest scalp hair hangs over neck and shoulders; above it, skin is bare but for hair over the face.
+    # Below the lowest scalp, hair hangs over neck and shoulders; above it, skin is bare except for hair over the face.
     is_skin = ~is_scalp & (heights.amin(dim=1) >= heights[is_scalp].min())
     views = views.reduced(LONGEST_SIDE)
     scalp, skin, whole = _Share(), _Share(), _Share()
@@ -68,7 +70,7 @@ def head_agreement(head: Mesh, scalp_faces: Int64[Tensor, " scalp"], views: View
 
 
 class _Share:
-    """How much of something that views see lies inside their masks."""
+    """Counts the share of visible pixels that lie inside masks."""
 
     def __init__(self) -> None:
         self._seen = self._inside = 0
@@ -80,10 +82,10 @@ class _Share:
 
     @property
     def value(self) -> float | None:
-        """The share so far; None of nothing."""
+        """The share so far; None if nothing was counted."""
         return self._inside / self._seen if self._seen else None
 
 
 def _near(mask: Float[Tensor, "height width"]) -> Bool[Tensor, "height width"]:
-    """Pixels in which, or beside which, there is some coverage."""
+    """Pixels with some coverage in them or in a neighbour."""
     return torch.nn.functional.max_pool2d(mask[None, None], 3, stride=1, padding=1)[0, 0] >= SOME

@@ -1,14 +1,14 @@
-"""The views of a capture that are held out for evaluation and seen by nothing else."""
+"""The views of a capture that are held out and used only for evaluation."""
 
 FEWEST_VIEWS = 3
-"""Views that a fit must be allowed to see: with fewer, nothing confirms what two of them show."""
+"""Smallest number of training views: with fewer, nothing confirms what two views show."""
 
 HOLD_OUT_EVERY = 5
-"""One view in so many is held out unless said otherwise."""
+"""By default, one view in this many is held out."""
 
 
 def held_out_views(count: int, every: int) -> list[int]:
-    """Indices of the held-out views: the last of every `every` views; none for 0."""
+    """Indices of the held-out views: the last of each group of `every` views; none if it is 0."""
     return [index for index in range(count) if _held_out(index, every)]
 
 

@@ -22,7 +22,7 @@ from neural_strands.foundation.srgb import linear_samples, srgb_samples
 class ImageCache:
     """The most recently used decoded images, at most `budget` bytes in total.
 
-    An image larger than the budget is decoded at each request and not kept.
+    An image larger than the budget is decoded at each request and not cached.
     """
 
     def __init__(self, budget: int) -> None:
@@ -33,7 +33,7 @@ class ImageCache:
         self._lock = threading.Lock()
 
     def get(self, key: tuple, decode: Callable[[], Mapping[tuple, np.ndarray]]) -> np.ndarray:
-        """Return the image kept under `key`, or decode and keep it, with whatever else `decode` gives; read-only."""
+        """Return the image cached under `key`, or decode it and cache everything that `decode` returns; read-only."""
         with self._lock:
             if key in self._images:
                 self._images.move_to_end(key)
@@ -49,13 +49,13 @@ class ImageCache:
         return decoded[key]
 
     def check_unchanged(self, path: Path) -> None:
-        """Refuse a file that is not the one decoded earlier: half a fit of one photograph and half of another is none.
+        """Refuse a file that has changed since it was decoded: a fit must not mix two versions of a photograph.
 
         Raises:
-            InputError: the file was written to in between.
+            InputError: the file was modified in between.
         """
         with suppress(OSError):
-            # A file that is gone is refused by whoever reads it next.
+            # A missing file is reported when it is read.
             status = path.stat()
             written = (status.st_mtime_ns, status.st_size)
             if self._written.setdefault(path, written) != written:
@@ -68,14 +68,15 @@ class ImageCache:
 def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
     """Read an image as stored: uint8 or uint16, (height, width, channel) with 1 to 4 channels, RGB order.
 
-    Orientation tags are ignored: calibrations are of the stored pixels.
+    Orientation tags are ignored because calibrations refer to the stored pixels.
 
     Args:
         path: the image.
-        size: width and height that its camera has; an image of another size is not decoded.
+        size: width and height of its camera; an image of another size is not decoded.
 
     Raises:
-        InputError: the file cannot be read, is no image, is too large or of another size, or has another sample type.
+        InputError: the file cannot be read, is not an image, is too large or of another size, or has another sample
+            type.
     """
     width, height = image_size(path)
     if size is not None and size != (width, height):
@@ -116,7 +117,7 @@ def alpha_of(pixels: np.ndarray) -> np.ndarray | None:
 
 
 def mask_of(pixels: np.ndarray) -> np.ndarray:
-    """Coverage of a mask file (height, width): its alpha where that says anything, else its first channel."""
+    """Coverage in a mask file (height, width): its alpha unless that is opaque everywhere, else its first channel."""
     alpha = alpha_of(pixels)
     if alpha is not None and alpha.min() < np.iinfo(alpha.dtype).max:
         return alpha
@@ -141,5 +142,5 @@ def unit_tensor(image: np.ndarray, device: torch.device | str) -> Float[Tensor, 
     """`to_unit` on a device; samples of 8 bits are transferred as stored, in a quarter of the bytes."""
     if torch.device(device).type == "cpu" or image.dtype != np.uint8:
         return torch.from_numpy(to_unit(image)).to(device)
-    # From pinned memory the copy waits for nothing, and the host does not wait for it.
+    # A copy from pinned memory is asynchronous.
     return torch.tensor(image).pin_memory().to(device, non_blocking=True).float() / 255.0

@@ -1,4 +1,4 @@
-"""Lens distortion, undone once when an image is decoded.
+"""Lens distortion, which is undone once, when an image is decoded.
 
 The model is OpenCV's (and COLMAP's OPENCV): radial k1, k2, k3 and tangential p1, p2 on normalised coordinates.
 Intrinsics here follow the project (pixel centres at +0.5); OpenCV's own functions put centres at whole numbers, so
@@ -14,13 +14,13 @@ import numpy as np
 from neural_strands.foundation.image_files import MOST_PIXELS
 
 ZOOM_RANGE = (0.5, 2.0)
-"""Largest ratio between the focal lengths of the undistorted view and the lens."""
+"""Bounds of the ratio between the focal lengths of the undistorted view and the lens."""
 FOCAL_RANGE = (0.01, 10_000.0)
-"""Focal lengths of lenses, in image sides (the longer one)."""
+"""Plausible focal lengths, in multiples of the image's longer side."""
 FARTHEST_CENTRE = 100.0
-"""Distance of the principal point from the image's corner, in image sides: crops have it far outside."""
+"""Largest distance of the principal point from the image's corner, in image sides: that of crops is far outside."""
 MOST_DISTORTION = 1000.0
-"""Largest coefficient: that of the sixth power grows for long lenses."""
+"""Largest coefficient; the one of the sixth power is large for long lenses."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Lens:
         height: image height in pixels.
 
     Raises:
-        ValueError: sizes that no image has, or a focal length, a centre or distortion that no lens has.
+        ValueError: the size, focal length, centre or distortion is impossible.
     """
 
     intrinsics: tuple[float, float, float, float]

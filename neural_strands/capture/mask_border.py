@@ -1,9 +1,9 @@
-"""Where hair masks end against where the photographs' hair ends, and masks that are grown or shrunk by the difference.
+"""Measures how far hair masks end from the hair in the photographs, and grows or shrinks them accordingly.
 
-Segmenters and people err on one side: their masks end some pixels inside the hair, or beyond it. Stereo looks for hair
-only where masks have some, and what is hair by mistake bends the flow, so a few pixels cost much. The photographs tell:
-pixels well inside the masks have the look of hair, those well outside another, and where both are equally common, on
-average over all views, hair ends.
+Segmentation programs and people have a bias: their masks end some pixels inside the hair, or beyond it. Stereo searches
+hair only inside the masks, and pixels masked by mistake bend the flow, so a few pixels matter. The offset is measured
+in the photographs: pixels well inside the masks show what hair looks like, those well outside what the rest looks like,
+and the hair ends where, on average over all views, both looks are equally common.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,38 +18,45 @@ from neural_strands.capture.findings import Finding
 from neural_strands.pictures.looks import LookHistogram, look_cells
 
 MOST_VIEWS = 12
-"""Views that are looked at."""
+"""Largest number of views examined."""
 LONGEST_SIDE = 1024
-"""Pixels along the longer side of a view as it is looked at."""
+"""Longer side to which views are reduced, pixels."""
 WELL_INSIDE, WELL_OUTSIDE, NEAR = 6.0, 8.0, 30.0
-"""Pixels from a mask's border at which pixels surely show hair, or surely none, and up to which the latter count."""
+"""Distances from a mask's border, pixels: beyond the first inside, pixels certainly show hair; between the second and
+the third outside, they certainly show none."""
 FARTHEST = 8
-"""Pixels up to which hair is looked for beyond the border, and a little less far within."""
+"""Distance from the border up to which the hair's end is searched, pixels; slightly less far inside."""
 FEWEST = 50
-"""Pixels at a distance from the border that tell something."""
+"""Fewest pixels at a distance from the border that give a usable share."""
 SURE = (0.75, 0.4)
-"""Shares of pixels that look like hair at the inner and the outer end, without which nothing is told."""
+"""The share of pixels that look like hair must be above the first at the inner end of the search, and below the second
+at the outer end; otherwise the offset is unknown."""
 TIGHT, WIDE = 1.5, -2.5
-"""Pixels from which masks are too tight, and too wide: a border of a pixel or two is wanted."""
+"""Offsets above the first mean masks that are too tight, below the second too wide, pixels; a margin of a pixel or two
+is fine."""
 WANTED = 1.0
-"""Pixels by which masks that are shrunk still reach beyond the hair."""
+"""Margin beyond the hair that shrunk masks keep, pixels."""
 
 
 def mask_border(capture: Capture) -> float | None:
-    """How far hair reaches beyond the masks' borders, pixels of views reduced to `LONGEST_SIDE`; None if not told.
+    """Measure how far hair extends beyond the masks' borders; negative if the masks extend beyond the hair.
 
-    Negative where the masks reach beyond the hair.
+    Args:
+        capture: photographs and hair masks.
+
+    Returns:
+        Pixels of views reduced to `LONGEST_SIDE`; None if the photographs do not determine it.
 
     Raises:
         InputError: a photograph or a mask cannot be read.
     """
     masked = [index for index, view in enumerate(capture.files) if view.hair_mask_path is not None]
     chosen = masked[:: max(1, -(-len(masked) // MOST_VIEWS))]
-    return border_of([_looked_at(capture, index) for index in chosen])
+    return border_of([_reduced_view(capture, index) for index in chosen])
 
 
 def border_of(views: Sequence[tuple[np.ndarray, Bool[np.ndarray, "height width"]]]) -> float | None:
-    """The same for 8-bit RGB pictures and where their masks have hair."""
+    """Like `mask_border`, for pairs of an 8-bit RGB picture and its boolean hair mask."""
     seen = [(look_cells(picture), _signed_distance(mask)) for picture, mask in views if mask.any() and not mask.all()]
     inner = [cells[distance < -WELL_INSIDE] for cells, distance in seen]
     outer = [cells[(distance > WELL_OUTSIDE) & (distance < NEAR)] for cells, distance in seen]
@@ -69,19 +76,19 @@ def border_of(views: Sequence[tuple[np.ndarray, Bool[np.ndarray, "height width"]
 
 
 def mask_growth(border: float | None) -> int:
-    """Pixels by which to grow masks whose border is that far within the hair; negative to shrink them, mostly 0."""
+    """Pixels by which to grow masks, given their `mask_border`; negative to shrink them, usually 0."""
     if border is None or WIDE < border < TIGHT:
         return 0
     return round(border) if border > 0 else round(border + WANTED)
 
 
 def with_corrected_masks(capture: Capture, judged: Capture, say: Callable[[str], None]) -> Capture:
-    """A capture whose hair masks end where its hair does.
+    """Grow or shrink a capture's hair masks so that they end where its hair does.
 
     Args:
         capture: all views.
-        judged: those of them that may be looked at.
-        say: is told of a correction.
+        judged: the views that may be used to measure the offset.
+        say: called with a message if masks are corrected.
 
     Raises:
         InputError: a photograph or a mask cannot be read.
@@ -94,7 +101,7 @@ def with_corrected_masks(capture: Capture, judged: Capture, say: Callable[[str],
 
 
 def check_border(capture: Capture) -> Finding | None:
-    """Masks that end elsewhere than the hair; None where they do not, or where that is not told.
+    """Report masks that end elsewhere than the hair; None if they do not, or if that is unknown.
 
     Raises:
         InputError: a photograph or a mask cannot be read.
@@ -107,7 +114,7 @@ def check_border(capture: Capture) -> Finding | None:
 
 
 def _fault(growth: int, capture: Capture) -> str:
-    """What is wrong with masks that should be grown by so many pixels, in pixels of the largest photographs."""
+    """Describe the fault of masks that should be grown by `growth` pixels, in pixels of the largest photographs."""
     side = _longest_side(capture)
     pixels = round(abs(growth) * side / min(side, LONGEST_SIDE))
     if growth > 0:
@@ -119,7 +126,7 @@ def _longest_side(capture: Capture) -> int:
     return max(max(camera.width, camera.height) for camera in capture.cameras)
 
 
-def _looked_at(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarray, "height width"]]:
+def _reduced_view(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarray, "height width"]]:
     picture, mask = capture.image(index).numpy(), capture.hair_mask(index)
     assert mask is not None
     height, width = picture.shape[:2]
@@ -130,14 +137,14 @@ def _looked_at(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarra
 
 
 def _signed_distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
-    """Pixels to the border, negative inside."""
+    """Distance to the mask's border, pixels, negative inside."""
     inside = mask.astype(np.uint8)
     outer, inner = (np.asarray(cv2.distanceTransform(each, cv2.DIST_L2, 5)) for each in (1 - inside, inside))
     return outer - inner + np.where(mask, 0.5, -0.5)
 
 
 def _share_at(like_hair: Sequence[tuple[np.ndarray, np.ndarray]], place: int) -> float | None:
-    """Mean over the views of the share of the pixels at a distance that look like hair."""
+    """Share of pixels at a distance from the border that look like hair, averaged over views; None if too few."""
     bands = [(like, np.abs(distance - place) <= 0.5) for like, distance in like_hair]
     shares = [float(like[band].mean()) for like, band in bands if band.sum() >= FEWEST]
     return sum(shares) / len(shares) if shares else None

@@ -16,7 +16,7 @@ from neural_strands.geometry.cameras import Camera
 MODELS = ("OPENCV", "PINHOLE", "RADIAL", "SIMPLE_PINHOLE", "SIMPLE_RADIAL")
 """Lens models whose parameters are a subset of fl_x, fl_y, cx, cy, k1, k2, k3, p1, p2."""
 LARGEST_SIDE = 65_535
-"""Pixels of an image's side."""
+"""Largest side of an image, pixels."""
 
 
 def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
@@ -69,9 +69,9 @@ def _image_path(folder: Path, name: str) -> Path:
 
 
 def _view_names(folder: Path, images: list[Path]) -> list[str]:
-    """A view is called by its place below `images/`, as COLMAP does, or by its file name where it lies elsewhere.
+    """Name views by their path below `images/`, as COLMAP does, or by their file name if they are elsewhere.
 
-    Where file names alone do not tell those elsewhere apart, their places below the folder do.
+    If the file names of those elsewhere are ambiguous, their paths below the folder are used.
     """
     names = [_place(folder / "images", image) or image.name for image in images]
     if len(set(names)) == len(names):
@@ -80,7 +80,7 @@ def _view_names(folder: Path, images: list[Path]) -> list[str]:
 
 
 def _place(root: Path, path: Path) -> str | None:
-    """A path relative to a folder that it lies below."""
+    """The path relative to a folder; None if it is not below that folder."""
     below = path.is_relative_to(root) and ".." not in path.relative_to(root).parts
     return path.relative_to(root).as_posix() if below else None
 
@@ -92,7 +92,7 @@ def _mask_path(folder: Path, given: JsonValue | None, default: str, name: str) -
 
 
 def _lens(frame: JsonValue, shared: dict[str, JsonValue], image_path: Path) -> Lens:
-    """The lens of a frame; what the frame says wins over what stands at the top."""
+    """The lens of a frame; the frame's values override those at the top level."""
     values = {name: value for name, value in {**shared, **frame.members()}.items() if value.value is not None}
 
     def number(name: str, default: float) -> float:

@@ -1,4 +1,4 @@
-"""Where the files of a view are, and what lens took the photograph."""
+"""The files of a view, and the lens of its photograph."""
 
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -12,14 +12,14 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 
 ROTATION_TOLERANCE = 1e-2
-"""Largest deviation of a stored rotation from orthonormal (exports round to a few digits)."""
+"""Largest deviation of a stored rotation from an orthonormal one (exports round to a few digits)."""
 FARTHEST = 1e6
-"""Distance of a camera from the origin that no unit explains."""
+"""Largest distance of a camera from the origin; more is garbage in any unit."""
 
 
 @dataclass(frozen=True)
 class ViewFiles:
-    """A calibrated photograph and its masks, as they lie on disk.
+    """A calibrated photograph and its masks on disk.
 
     Attributes:
         camera: the pinhole camera of the undistorted image.
@@ -37,12 +37,12 @@ class ViewFiles:
 
 
 def undistorted_intrinsics(lens: Lens) -> Float[Tensor, "3 3"]:
-    """Intrinsics of the image after its distortion is undone."""
+    """Intrinsics of the undistorted image."""
     return torch.from_numpy(lens.undistorted_matrix()).float()
 
 
 def rigid(matrix: Float[Tensor, "4 4"], source: str) -> Float[Tensor, "4 4"]:
-    """Check that a matrix is a rotation and a translation, and return it with its rotation made exact.
+    """Check that a matrix is a rotation and a translation, and return it with an exactly orthonormal rotation.
 
     Raises:
         InputError: a value is not finite or absurd, or the matrix scales, shears or mirrors.
@@ -63,11 +63,11 @@ def rigid(matrix: Float[Tensor, "4 4"], source: str) -> Float[Tensor, "4 4"]:
 
 
 def find_mask(folder: Path, view: str) -> Path | None:
-    """The mask of a view, in the sub-folder that its photograph lies in: NAME.png, or NAME.jpg.png in COLMAP's style.
+    """Find the mask of a view, in the sub-folder of its photograph: NAME.png, or NAME.jpg.png in COLMAP's style.
 
     Args:
         folder: `masks` or `person_masks`.
-        view: the view's name, "left/0001.jpg".
+        view: the view's name, such as "left/0001.jpg".
     """
     place = PurePosixPath(view)
     names = (place.parent / f"{place.stem}.png", f"{view}.png", view)

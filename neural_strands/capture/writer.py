@@ -1,7 +1,7 @@
-"""Writer of captures: what `Capture.load` reads, each file whole or absent.
+"""Writes captures that `Capture.load` reads; each file is written atomically.
 
-A photograph lies in `images/` under its camera's name, sub-folders included, and its masks lie at the same place below
-`masks/` and `person_masks/`, as PNG. `transforms.json` comes last: a folder that has it is whole.
+A photograph is stored in `images/` under its camera's name, sub-folders included; its masks have the same path below
+`masks/` and `person_masks/`, as PNG. `transforms.json` is written last: a folder that has it is complete.
 """
 
 from collections import Counter
@@ -24,12 +24,12 @@ from neural_strands.pictures.encoding import Picture, write_png
 IMAGES, HAIR_MASKS, PERSON_MASKS = "images", "masks", "person_masks"
 """Folders of the photographs, of the coverage of hair, and of the coverage of the whole person."""
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
-"""Endings of a camera's name that make it a file name; others get .png added."""
+"""Suffixes with which a camera's name is already a file name; other names get ".png" appended."""
 UNIT = 1e-5
 """Metres per step of the true strands' 16-bit integers, unless the strands extend too far for it."""
 
 Source = Picture | Path
-"""A picture, or a file that is copied as it is."""
+"""A picture, or a file that is copied unchanged."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class CaptureWriter:
     """Writes a capture into a folder.
 
     Attributes:
-        folder: where; made when the first file is written.
+        folder: the capture's folder, created when the first file is written.
     """
 
     folder: Path
@@ -45,11 +45,11 @@ class CaptureWriter:
     def write_view(
         self, camera: Camera, image: Source, hair_mask: Source | None = None, person_mask: Source | None = None
     ) -> None:
-        """Write a view's photograph and its masks, and remove masks that an earlier view of this name left.
+        """Write a view's photograph and its masks, and remove masks left by an earlier view of this name.
 
         Args:
             camera: names the files; without lens distortion.
-            image: sRGB; a file of the format that the camera's name ends in, or a picture where that is PNG or nothing.
+            image: sRGB; a file in the format of the camera's suffix, or a picture if that suffix is PNG or missing.
             hair_mask: coverage of hair, if it is known; files are PNG.
             person_mask: coverage of the whole person, if it is known; files are PNG.
 
@@ -79,7 +79,7 @@ class CaptureWriter:
             write_json(self.folder / "scalp_faces.json", scalp_faces.tolist())
 
     def write_ground_truth(self, strands: Strands) -> None:
-        """Write the true strands, world metres, rounded to what `quantised` gives.
+        """Write the true strands, world metres, rounded like `quantised`.
 
         Raises:
             InputError: the file cannot be written.
@@ -92,11 +92,11 @@ class CaptureWriter:
         """Write `transforms.json` (nerfstudio's, OpenGL axes) for the views that were written.
 
         Args:
-            cameras: of all views, in the order in which the capture will have them.
+            cameras: cameras of all views, in the order that the capture will have.
 
         Raises:
             InputError: the file cannot be written.
-            ValueError: a camera has skewed axes, which the format cannot say, or two views share a file.
+            ValueError: a camera has skewed axes, which the format cannot express, or two views share a file.
         """
         name, count = Counter(_mask_name(camera) for camera in cameras).most_common(1)[0]
         if count > 1:
@@ -112,7 +112,7 @@ class CaptureWriter:
         write_json(self.folder / "transforms.json", {**common, "frames": frames})
 
     def _paths(self, camera: Camera) -> dict[str, str]:
-        """A frame's files as `transforms.json` names them; masks only where they are."""
+        """A frame's files under the keys of `transforms.json`; masks only if they exist."""
         image, *masks = view_files(self.folder, camera)
         found = {"file_path": image} | {
             key: path for key, path in zip(("mask_path", "person_mask_path"), masks, strict=True) if path.is_file()
@@ -121,10 +121,10 @@ class CaptureWriter:
 
 
 def view_files(folder: Path, camera: Camera) -> tuple[Path, Path, Path]:
-    """Where a view's photograph, its hair mask and its person mask lie in a capture's folder.
+    """Paths of a view's photograph, hair mask and person mask in a capture's folder.
 
     Raises:
-        ValueError: the camera's name is none of a file below a folder.
+        ValueError: the camera's name is not a path below a folder.
     """
     mask = _mask_name(camera)
     return folder / IMAGES / _image_name(camera), folder / HAIR_MASKS / mask, folder / PERSON_MASKS / mask
@@ -142,7 +142,7 @@ def _mask_name(camera: Camera) -> str:
 
 
 def quantised(strands: Strands) -> Strands:
-    """The strands as the ground truth stores them, so that the same strands are rendered and written."""
+    """Round strands as the ground truth stores them, so that the same strands are rendered and written."""
     unit = _unit(strands.points)
     points = (_steps(strands.points, unit) * np.float64(unit)).astype(np.float32)
     return replace(strands, points=torch.from_numpy(points))
@@ -181,7 +181,7 @@ def _pose(camera: Camera) -> list[list[float]]:
 
 
 def _obj_lines(mesh: Mesh) -> Iterable[str]:
-    """A Wavefront OBJ with every digit that single precision has."""
+    """Lines of a Wavefront OBJ with all digits of single precision."""
     for vertex in mesh.vertices.tolist():
         yield "v {:.9g} {:.9g} {:.9g}\n".format(*vertex)
     faces = mesh.faces + 1

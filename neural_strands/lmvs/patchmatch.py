@@ -152,10 +152,10 @@ def match_lines(
             depths = math.ceil(thickness / (config.depth_step * part.footprint)) + 1
             offset = thickness * torch.linspace(0, 1, depths, device=ray.device)
             depth[chosen] = _surface(views, part, offset, config)
-            direction[chosen] = _looked(views, part, depth[chosen], config)
+            direction[chosen] = _agreed_directions(views, part, depth[chosen], config)
         else:
             source = _nearest_solved(pixel[chosen], pixel[previous], level.stride * 2)
-            _take_over(ray, chosen, previous, source, depth, direction)
+            _inherit_lines(ray, chosen, previous, source, depth, direction)
         state = depth[chosen], direction[chosen], torch.full_like(depth[chosen], 4.0)
         _improve(views, part, config, seed, state)
         depth[chosen], direction[chosen], cost[chosen] = state
@@ -226,7 +226,7 @@ def _surface(
     return part.bounds.near + offset[index[:, 0]]
 
 
-def _looked(
+def _agreed_directions(
     views: _Stack, part: _Part, depth: Float[Tensor, " point"], config: PatchMatchConfig
 ) -> Float[Tensor, "point 3"]:
     """Directions on which the views agree at these depths."""
@@ -309,7 +309,9 @@ def _nearest_solved(pixel: Tensor, solved: Tensor, stride: int) -> Int64[Tensor,
     return found
 
 
-def _take_over(ray: Tensor, chosen: Tensor, previous: Tensor, source: Tensor, depth: Tensor, direction: Tensor) -> None:
+def _inherit_lines(
+    ray: Tensor, chosen: Tensor, previous: Tensor, source: Tensor, depth: Tensor, direction: Tensor
+) -> None:
     """Initialise each chosen pixel with the line of its coarse neighbour; pixels without one get the median depth."""
     own = ray[chosen]
     with_source = previous[source.clamp(min=0)]

@@ -26,11 +26,11 @@ large amplitudes of the two cancel each other and straight hair seems to curl.""
 DAMPING = 1e-3
 """Regularisation of a Gauss-Newton step, relative to the mean diagonal of its normal equations."""
 GRID = 48
-"""Number of curl frequencies tried."""
+"""Number of curl frequencies in the search grid."""
 BLOCK = 256
-"""Strands solved together; their sines stay in the processor's cache."""
+"""Strands solved together, few enough for their sines to stay in the processor's cache."""
 SMALLEST_SHARE, LARGEST_SHARE = 1e-4, 0.98
-"""Bounds of the curl's amplitude as a share of `LARGEST_GAIN`; straight hair is at the lower one."""
+"""Bounds of the curl's amplitude as a share of `LARGEST_GAIN`; straight hair is at the lower bound."""
 
 
 class Analysis:
@@ -38,7 +38,7 @@ class Analysis:
 
     Attributes:
         metric: maps functions of t to the space in which the plain squared norm is the error.
-        project: `metric` followed by the removal of what the smooth functions explain.
+        project: `metric`, followed by a projection that removes what the smooth functions explain.
         smooth_weights: maps functions of t to the best weights of the smooth functions.
     """
 
@@ -66,7 +66,7 @@ class Analysis:
     def angles(
         self, frequency: Float[Tensor, " strand"], warp: Float[Tensor, "strand warp"]
     ) -> Float[Tensor, "strand unit step"]:
-        """Arguments of the second layer's sines."""
+        """Arguments of the second layer's sines at each step."""
         bent = (warp @ self.warp)[:, None] + self.layer.unit_phase[:, None]
         return self.frequencies(frequency)[..., None] * self.tau + bent
 
@@ -79,7 +79,7 @@ class Analysis:
     def solve(
         self, shapes: Float[Tensor, "strand point 3"], refine: int
     ) -> tuple[Tensor, Tensor, Float[Tensor, "strand 3 unit"], Float[Tensor, "strand 3 smooth"]]:
-        """Frequency, warp, curl amplitudes and smooth weights of strands of unit length."""
+        """Fit frequency, warp, curl amplitudes and smooth weights to strands of unit length."""
         gradient = self.layer.config.output == "gradient"
         steps = (segments(shapes) * (self.points - 1) if gradient else shapes).transpose(1, 2).contiguous()
         rest = steps @ self.project
@@ -94,13 +94,13 @@ class Analysis:
             warp = torch.where(better[:, None], moved[1], warp)
             basis = torch.where(better[:, None, None], new_basis, basis)
             unit = torch.where(better[:, None, None], new_unit, unit)
-        # `unit` is in values of the averaged sines; the synthesiser attenuates them itself.
+        # `unit` weights sines that are already averaged over steps, whereas the synthesiser attenuates them itself.
         attenuation = self.layer.attenuation(self.frequencies(frequency), self.points)[:, None]
         smooth = (steps - unit @ self.angles(frequency, warp).sin()) @ self.smooth_weights
         return frequency, warp, unit / attenuation, smooth
 
     def search(self, rest: Float[Tensor, "strand 3 step"]) -> Float[Tensor, " strand"]:
-        """The frequency of the grid whose sines explain most of the rest."""
+        """The frequency in the grid whose sines explain most of the residual `rest`."""
         grid, step, unit = self.grid_bases.shape
         flat = self.grid_bases.permute(1, 0, 2).reshape(step, grid * unit)
         explained = (rest @ flat).square().sum(dim=1).unflatten(1, (grid, unit)).sum(dim=-1)
@@ -135,7 +135,7 @@ class Analysis:
 
 @torch.no_grad()
 def analyse(generator: StrandGenerator, points: Float[Tensor, "strand point 3"], refine: int = 1) -> Raw:
-    """Raw quantities of strands in local metres (at least three points, none of zero length)."""
+    """Estimate the raw quantities of strands in local metres (at least three points, no zero lengths)."""
     length = lengths(points)
     problem = Analysis(generator, points.shape[1])
     solved = [problem.solve(block, refine) for block in (points / length[:, None, None]).split(BLOCK)]
@@ -186,7 +186,7 @@ def solve_ridge(
 
 @torch.no_grad()
 def principal_functions(layer: Synthesiser, curves: Float[Tensor, "strand point 3"]) -> Float[Tensor, "smooth carrier"]:
-    """Mixes of the carriers that approximate the principal functions of t of the curves' coordinates.
+    """Mixtures of the carriers that approximate the principal functions of t of the curves' coordinates.
 
     Every coordinate of every curve (divided by its length) is one function of t. The carriers are fitted to the
     functions that explain most of the positions and slopes.

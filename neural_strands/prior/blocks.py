@@ -1,7 +1,7 @@
-"""Decoding in blocks of strands that stay in the processor's cache.
+"""Decodes strands in blocks that stay in the processor's cache.
 
 Strands are decoded independently, so blocks give the same values and gradients as decoding all at once
-(`StrandGenerator.reference`, against which this is tested). They only keep the sines of a block out of main memory.
+(`StrandGenerator.reference`, against which this is tested). They only keep the sines of a block in the cache.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ BLOCK = 1024
 def in_blocks(
     decode: Callable[[Tensor, int], Tensor], latent: Float[Tensor, "strand latent"], points: int
 ) -> Float[Tensor, "strand {points} 3"]:
-    """Decode in blocks on a CPU, all at once elsewhere."""
+    """Decode in blocks on the CPU, and all at once on other devices."""
     if latent.device.type != "cpu" or len(latent) <= BLOCK:
         return decode(latent, points)
     if torch.is_grad_enabled():

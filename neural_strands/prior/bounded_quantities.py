@@ -1,4 +1,4 @@
-"""Bounded positive quantities from unbounded numbers: the length of a strand, the frequency of its curl."""
+"""Maps unbounded numbers to bounded positive quantities: the length of a strand, the frequency of its curl."""
 
 import math
 
@@ -9,13 +9,13 @@ from torch import Tensor
 SHORTEST, LONGEST = 0.003, 2.0
 """Shortest and longest strand that the generator can produce, metres."""
 LONGEST_TRAINED = 0.60
-"""Longest strand of the training curves, metres. The logit of the shortest one is the negative of its logit."""
+"""Longest strand of the training curves, metres. The shortest one has the negative of its logit."""
 TAIL_START = math.log(math.log(LONGEST_TRAINED / SHORTEST) / math.log(LONGEST / LONGEST_TRAINED))
-"""Logit of the longest trained length between the bounds."""
+"""Logit of the longest trained length, between the bounds."""
 TAIL_SLOPE = 4.0
-"""How many times farther apart the raw numbers of lengths far beyond training lie."""
+"""Factor by which raw numbers are spread out for lengths far beyond training."""
 TAIL_BEND = 0.3
-"""Range of logits beyond `TAIL_START` over which `TAIL_SLOPE` sets in."""
+"""Range of logits beyond `TAIL_START` over which the slope rises to `TAIL_SLOPE`."""
 
 
 def between(logit: Float[Tensor, " strand"], low: float, high: float) -> Float[Tensor, " strand"]:
@@ -32,12 +32,11 @@ def logit_between(value: Float[Tensor, " strand"], low: float, high: float) -> F
 def length_from_raw(raw: Float[Tensor, " strand"]) -> Float[Tensor, " strand"]:
     """Length in metres from a raw number.
 
-    It equals `between` for the lengths seen in training. Beyond them, length grows more and more slowly, so that the
-    tails of a normal distribution over raw numbers hold few strands of a metre, while every length still has a raw
-    number.
+    It equals `between` for the lengths seen in training. Beyond them, length grows ever more slowly, so that few
+    samples of a normal distribution over raw numbers reach a metre, while every length still has a raw number.
     """
     beyond = (raw.abs() - TAIL_START).clamp(min=0)
-    # The positive root of the quadratic equation behind the hyperbola of raw_from_length, in a form that is exact at 0.
+    # Positive root of the quadratic equation that inverts raw_from_length, in a form that is exact at 0.
     low = beyond - TAIL_BEND
     root = (low.square() + 4 * TAIL_SLOPE * TAIL_BEND * beyond).sqrt()
     slowed = 2 * TAIL_BEND * beyond / (root - low)

@@ -3,7 +3,7 @@
 Each curve is a strand in its root's local frame (tangent, bitangent, normal; metres; root at 0), at points equally
 spaced in arc length. A curve has a smooth base, which leaves the scalp at some tilt, is pulled towards a random "down",
 bends, and is jittered at its control points like an artist's spline. An offset is wound around the base: a wave, a coil
-or frizz. Everything is drawn from the generator that is passed in; nothing is read from a file.
+or frizz. All randomness comes from the generator that is passed in.
 """
 
 import math
@@ -17,14 +17,14 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import lengths
 
 FINE = 640
-"""Points of a curve before it is resampled: 16 for each of 40 turns."""
+"""Points of a curve before it is resampled: 16 per turn for 40 turns."""
 TRANSPORT_STEPS = 64
 """Steps of the parallel transport that gives the base its twist-free frame."""
 
 
 @dataclass(frozen=True)
 class CurveConfig:
-    """What the synthetic curves look like."""
+    """Distribution of the synthetic curves."""
 
     shortest: float = 0.01
     """Shortest strand, metres."""
@@ -37,7 +37,8 @@ class CurveConfig:
     most_turns: float = 30.0
     """Largest number of turns of a coil or wave along a strand (100 points cannot show more)."""
     augment: bool = True
-    """Stretch each axis, mirror along tangent and bitangent, rotate about the normal, as in the paper."""
+    """Whether to stretch each axis, mirror along tangent and bitangent, and rotate about the normal, as in the
+    paper."""
 
 
 def synthetic_curves(
@@ -47,7 +48,15 @@ def synthetic_curves(
     points: int = 100,
     device: torch.device | str = "cpu",
 ) -> Float[Tensor, "{count} {points} 3"]:
-    """Draw `count` strands in local metres, root at 0, equally spaced in arc length."""
+    """Draw `count` strands in local metres, root at 0, equally spaced in arc length.
+
+    Args:
+        count: number of strands.
+        generator: source of all randomness.
+        config: distribution of the curves.
+        points: points per strand.
+        device: device of the result.
+    """
     config = config or CurveConfig()
     draw = _Draw(count, generator, torch.device(device))
     length = config.shortest * (config.longest / config.shortest) ** draw.uniform(0.0, 1.0)
@@ -74,7 +83,7 @@ def augment(
 
 @dataclass(frozen=True)
 class _Draw:
-    """Random numbers per curve, all from one generator."""
+    """Draws random numbers per curve, all from one generator."""
 
     count: int
     generator: torch.Generator
@@ -117,7 +126,7 @@ def _base_curve(draw: _Draw, length: Float[Tensor, " curve"]) -> Float[Tensor, "
     t = torch.linspace(0, 1, FINE, device=draw.device)
     tilt = math.pi / 2 * draw.uniform(0.0, 1.0) ** 0.7
     start = torch.stack([tilt.sin(), torch.zeros_like(tilt), tilt.cos()], dim=-1)
-    # Half of the strands fall below the tangent plane of their root: the head curves away under them.
+    # Half of the strands fall below the tangent plane of their root, because the head curves away.
     below = draw.chance(0.5)[:, None] * torch.tensor([0.0, 0.0, -0.7], device=draw.device)
     down = torch.nn.functional.normalize(draw.normal(3) + draw.normal(1) * start + below, dim=-1)
     pull = draw.chance(0.85) * draw.log_uniform(0.2, 8.0)
@@ -147,10 +156,10 @@ class _Winding:
     """A wave or a coil around the base.
 
     Attributes:
-        radius: of the winding, metres (0 for smooth hair).
-        ratio: of the second radius to the first: 0 is a planar wave, 1 a round coil.
-        turns: along the strand.
-        shortening: length of the base in lengths of the strand.
+        radius: radius of the winding, metres (0 for smooth hair).
+        ratio: ratio of the second radius to the first: 0 is a planar wave, 1 a round coil.
+        turns: number of turns along the strand.
+        shortening: length of the base as a share of the strand's.
     """
 
     radius: Float[Tensor, " curve"]
@@ -160,7 +169,7 @@ class _Winding:
 
 
 def _draw_winding(draw: _Draw, length: Float[Tensor, " curve"], config: CurveConfig) -> _Winding:
-    """Radius and pitch of each curve's winding; the pitch is an advance along the base."""
+    """Draw radius and pitch of each curve's winding; the pitch is the advance along the base per turn."""
     kind = draw.uniform(0.0, 1.0)
     wavy = ((kind >= config.smooth) & (kind < config.smooth + config.wavy)).float()
     coiled = (kind >= config.smooth + config.wavy).float()
@@ -177,7 +186,7 @@ def _draw_winding(draw: _Draw, length: Float[Tensor, " curve"], config: CurveCon
 
 
 def _wound_offset(draw: _Draw, base: Float[Tensor, "curve fine 3"], winding: _Winding) -> Float[Tensor, "curve fine 3"]:
-    """The winding around the base; its radius and phase drift, and it often grows from nothing at the root."""
+    """Offset of the winding from the base; its radius and phase drift, and it often starts at zero at the root."""
     t = torch.linspace(0, 1, FINE, device=draw.device)
     drift = draw.uniform(0.0, 0.6)[:, None] * draw.noise(2, 1)[..., 0]
     wander = draw.chance(0.6)[:, None] * draw.uniform(0.0, 1.0)[:, None] * draw.noise(4, 1)[..., 0]
@@ -196,7 +205,7 @@ def _wound_offset(draw: _Draw, base: Float[Tensor, "curve fine 3"], winding: _Wi
 
 
 def _within(curves: Float[Tensor, "curve point 3"], config: CurveConfig) -> Float[Tensor, "curve point 3"]:
-    """Scale curves whose winding or stretch made them longer than the configured length."""
+    """Scale curves that winding or stretching took beyond the configured lengths."""
     length = lengths(curves)
     return curves * (length.clamp(config.shortest, config.longest) / length)[:, None, None]
 

@@ -1,4 +1,4 @@
-"""The encoder: a strand to the mean and deviation of its latent (paper, "Training / Strand Generator": a 1D CNN).
+"""The encoder: maps a strand to mean and deviation of its latent (paper, "Training / Strand Generator": a 1D CNN).
 
 The mean comes from the closed-form analysis (`prior.analysis`), which finds the curl's frequency by search and every
 amplitude by least squares, to within a tenth of a millimetre. The 1D CNN predicts the deviation. With `analysis` off,
@@ -24,7 +24,7 @@ class EncoderConfig:
     """Sizes of the encoder."""
 
     points: Annotated[int, Between(2, 512)] = 100
-    """Points per strand that the CNN takes."""
+    """Points per strand that the CNN reads."""
     widths: Annotated[tuple[Annotated[int, Between(1, 512)], ...], Between(1, 8)] = (16, 24, 32, 48, 64)
     """Channels of the strided convolutions."""
     hidden: Annotated[int, Between(1, 512)] = 128
@@ -34,16 +34,16 @@ class EncoderConfig:
     refine: Annotated[int, Between(0, 100)] = 1
     """Gauss-Newton steps of the analysis."""
     start_log_std: float = -4.0
-    """Logarithm of the deviation before training."""
+    """Logarithm of the standard deviation before training."""
 
 
 class StrandEncoder(nn.Module):
-    """Strands in their roots' frames to the mean and log deviation of their latents."""
+    """Maps strands in their roots' frames to mean and log standard deviation of their latents."""
 
     def __init__(self, generator: StrandGenerator, config: EncoderConfig | None = None) -> None:
         super().__init__()
         self.config = config or EncoderConfig()
-        # In a tuple, so that the generator's weights are neither saved nor trained as part of the encoder.
+        # The tuple hides the generator from torch, so that its weights are neither saved nor trained with the encoder.
         self._generator = (generator,)
         channels, length = 7, self.config.points - 1
         layers: list[nn.Module] = []
@@ -72,12 +72,12 @@ class StrandEncoder(nn.Module):
         return mean, self.config.start_log_std + self.log_std(hidden)
 
     def analysed(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
-        """Latents of the closed-form analysis; gradients pass to the modulator, not through the analysis."""
+        """Latents by closed-form analysis; gradients reach the modulator, but do not pass through the analysis."""
         (generator,) = self._generator
         return generator.latent(analyse(generator, points, self.config.refine).flat())[0]
 
     def features(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand channel step"]:
-        """Position and direction at each step, both independent of scale, and the logarithm of the length."""
+        """Position and direction at each step, both independent of scale, and the logarithm of the strand's length."""
         length = lengths(points)
         offsets = segments(points)
         middle = (points[:, 1:] + points[:, :-1]) / 2

@@ -1,4 +1,4 @@
-"""How far decoded strands lie from the true ones."""
+"""Errors of decoded strands against the true ones."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ class ReconstructionError:
     """Errors over all strands and points.
 
     Attributes:
-        strands: how many were compared.
+        strands: number of strands compared.
         mean_mm: mean distance of corresponding points.
-        median_mm: median of the same.
-        p95_mm: its 95th percentile.
+        median_mm: median distance of corresponding points.
+        p95_mm: 95th percentile of these distances.
         direction_deg: mean angle between corresponding segments.
         length_percent: mean absolute error of the length.
         curvature_per_m: mean absolute error of the curvature (turning angle over length).
@@ -35,7 +35,7 @@ class ReconstructionError:
 def reconstruction_error(
     decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"]
 ) -> ReconstructionError:
-    """Compare strands point by point."""
+    """Compare strands point by point; both in metres."""
     distance = 1000 * (decoded - true).norm(dim=-1).flatten().double()
     middle, high = (percentile(distance, share) for share in (0.5, 0.95))
     angle = angles(segments(decoded), segments(true))

@@ -1,7 +1,7 @@
-"""The strand generator: a latent vector to a strand (paper, "Strand Generator").
+"""The strand generator: decodes a latent vector to a strand (paper, "Strand Generator").
 
-The modulator turns the latent into 64 raw quantities with a meaning (length, gain and frequency of the curl, chirp,
-amplitudes of both sine layers), from which amplitude, frequency and phase of the synthesiser's sines follow.
+The modulator maps the latent to 64 interpretable raw quantities (length, gain and frequency of the curl, chirp,
+amplitudes of both sine layers), which determine amplitude, frequency and phase of the synthesiser's sines.
 """
 
 from dataclasses import dataclass, field
@@ -60,13 +60,13 @@ class Raw:
     smooth: Float[Tensor, "strand 3 smooth"]
 
     def flat(self) -> Float[Tensor, "strand raw"]:
-        """All quantities side by side, in the order of the attributes."""
+        """All quantities concatenated, in the order of the attributes."""
         head = torch.stack([self.length, self.gain, self.frequency], dim=1)
         return torch.cat([head, self.warp, self.unit.flatten(1), self.smooth.flatten(1)], dim=1)
 
 
 def raw_size(config: SynthesiserConfig) -> int:
-    """How many raw quantities a strand has."""
+    """Number of raw quantities of a strand."""
     return 3 + config.warps + 3 * config.units + 3 * config.smooth
 
 
@@ -86,7 +86,7 @@ class StrandGenerator(nn.Module):
         """Decode strands with `points` points each, in blocks that fit in the processor's cache.
 
         Raises:
-            ValueError: a latent of another size, or fewer than two points.
+            ValueError: the latents have another size, or `points` is less than two.
         """
         self._check(latent, points)
         return in_blocks(self.reference, latent, points)
@@ -94,11 +94,11 @@ class StrandGenerator(nn.Module):
     def reference(
         self, latent: Float[Tensor, "strand latent"], points: int = 100
     ) -> Float[Tensor, "strand {points} 3"]:
-        """The same strands, all at once."""
+        """Decode all strands at once; tests compare `forward` with this."""
         return self.synthesiser(self.modulations(self.raw(latent)), points)
 
     def raw(self, latent: Float[Tensor, "strand latent"]) -> Raw:
-        """The modulator and its linear map: quantities with a meaning."""
+        """Apply the modulator and its linear map."""
         return self.split(self.linear(self.modulator(latent)))
 
     def split(self, flat: Float[Tensor, "strand raw"]) -> Raw:
@@ -118,7 +118,7 @@ class StrandGenerator(nn.Module):
     def latent(
         self, raw: Float[Tensor, "strand raw"]
     ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
-        """Inverse of `raw` (given flat), and its log volume change up to the constant of the linear map.
+        """Inverse of `raw` (from `Raw.flat`), and its log volume change up to the constant of the linear map.
 
         Raises:
             ValueError: the modulator is the paper's MLP, which has no inverse.
@@ -152,7 +152,7 @@ class StrandGenerator(nn.Module):
         return 2 * torch.pi * inner.slowest, 2 * torch.pi * inner.fastest
 
     def fixed_frequencies(self) -> Float[Tensor, " unit"]:
-        """Frequencies of the second layer when only amplitudes are modulated: above those of the smooth functions."""
+        """Frequencies of the second layer if only amplitudes are modulated: above those of the smooth functions."""
         spread = torch.arange(self.config.synthesiser.units, device=self.linear.weight.device) // 2
         return self.frequency_bounds()[0] + self.synthesiser.unit_frequency + spread * torch.pi
 

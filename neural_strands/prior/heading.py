@@ -1,9 +1,9 @@
-"""The heading of a strand, in coordinates whose zero is a strand that stands up from the scalp.
+"""The heading of a strand, in coordinates whose origin is a strand that stands up from the scalp.
 
-Hair heads in every direction except into the head, so the ends of strands fill a sphere around the root, apart from its
-south pole. In plain coordinates the mean of all strands lies at the centre of that sphere and is a crumpled strand.
-Here the end is given by its stereographic projection from the south pole and by the logit of its distance in strand
-lengths: a flat space whose origin is the north pole, the normal of the scalp.
+Hair grows in every direction except into the head, so the ends of strands fill a sphere around the root, apart from its
+south pole. In Cartesian coordinates the mean of all strands ends at the centre of that sphere: it is crumpled. Here the
+end is given by its stereographic projection from the south pole and by the logit of its distance in strand lengths: a
+flat space whose origin is the north pole, the normal of the scalp.
 """
 
 import torch
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 FARTHEST = 1.05
-"""Bound of the distance of the smooth part's end from the root, in strand lengths."""
+"""Largest distance of the smooth part's end from the root, in strand lengths."""
 SOUTHERNMOST = -0.999
 """Lowest cosine of a heading with the normal; lower ones are clamped to it."""
 
@@ -24,7 +24,7 @@ def smooth_from_heading(
     Args:
         coded: heading (two stereographic coordinates and the logit of the distance), then the weights of the other
             smooth functions on each axis.
-        reach: where each smooth function ends: its integral over t.
+        reach: integral of each smooth function over t.
     """
     east, north, distance = coded[..., 0].unbind(dim=1)
     squared = east * east + north * north

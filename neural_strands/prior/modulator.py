@@ -1,4 +1,4 @@
-"""Modulators: networks that turn a latent into the raw quantities behind amplitude, frequency and phase.
+"""Modulators: networks that map a latent to the raw quantities behind amplitude, frequency and phase.
 
 `CouplingModulator` is a stack of affine coupling layers (Dinh et al. 2017, "Density estimation using Real NVP"). It is
 invertible, so the encoder's closed-form quantities have an exact latent. It is trained until the latents of the
@@ -11,11 +11,11 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 STEEPEST = 2.0
-"""Bound of the logarithm of a coupling layer's scale: keeps the map from latent to strand well conditioned."""
+"""Bound of the logarithm of a coupling layer's scale, which keeps the map from latent to strand well conditioned."""
 
 
 class CouplingModulator(nn.Module):
-    """Affine coupling layers over random orders of the latent; the identity before training."""
+    """Affine coupling layers over random permutations of the latent; the identity before training."""
 
     def __init__(self, latent: int, hidden: int, layers: int) -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class CouplingModulator(nn.Module):
         self.networks = nn.ModuleList(_network(self.kept, hidden, latent) for _ in range(layers))
 
     def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
-        """Latents to whitened raw quantities."""
+        """Map latents to whitened raw quantities."""
         # One row per channel, so that selecting channels copies whole rows.
         value = latent.T
         for order, network in zip(self.order, self.networks, strict=True):
@@ -49,7 +49,7 @@ class CouplingModulator(nn.Module):
     def inverse(
         self, value: Float[Tensor, "strand latent"]
     ) -> tuple[Float[Tensor, "strand latent"], Float[Tensor, " strand"]]:
-        """Whitened raw quantities to latents, and the logarithm of the volume change d latent / d value."""
+        """Map whitened raw quantities to latents; also returns the log volume change d latent / d value."""
         log_volume = value.new_zeros(len(value))
         value = value.T[torch.argsort(self.restore)]
         for order, network in reversed(list(zip(self.order, self.networks, strict=True))):
@@ -63,7 +63,7 @@ class CouplingModulator(nn.Module):
 def _affine(
     network: nn.Module, kept: Float[Tensor, "kept strand"]
 ) -> tuple[Float[Tensor, "changed strand"], Float[Tensor, "changed strand"]]:
-    """Log scale, softly bounded by `STEEPEST`, and shift that the network computes from the kept channels."""
+    """Log scale, softly bounded by `STEEPEST`, and shift, computed by the network from the kept channels."""
     hidden = kept
     for layer in network.children():
         hidden = (
@@ -74,7 +74,7 @@ def _affine(
 
 
 def _network(taken: int, hidden: int, given: int) -> nn.Sequential:
-    """Two hidden layers and a last layer of zeros."""
+    """Two hidden layers and a last layer initialised to zero."""
     last = nn.Linear(hidden, given)
     nn.init.zeros_(last.weight)
     nn.init.zeros_(last.bias)
@@ -94,7 +94,7 @@ class MlpModulator(nn.Module):
         nn.init.zeros_(self.last.bias)
 
     def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
-        """Latents to raw quantities before the linear map."""
+        """Map latents to raw quantities, before the linear map."""
         hidden = latent
         for index, layer in enumerate(self.layers):
             taken = latent if index == 0 else torch.cat([hidden, latent], dim=1)

@@ -1,4 +1,4 @@
-"""The baseline: a principal component analysis with as many numbers per strand as the prior's latent."""
+"""A baseline: principal component analysis with as many numbers per strand as the prior's latent."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from neural_strands.geometry.strands import lengths
 
 @dataclass(frozen=True)
 class StrandPca:
-    """PCA of the points of strands divided by their length; the length is one of the numbers kept.
+    """PCA of strands divided by their length; the length is stored as one of the numbers.
 
     Dividing by the length halves the error on short hair, compared with a PCA of the points in metres.
 
     Attributes:
         mean: mean strand of unit length, flattened.
-        components: orthonormal rows.
+        components: principal components, orthonormal rows.
     """
 
     mean: Float[Tensor, " coordinate"]
@@ -44,6 +44,6 @@ class StrandPca:
         return torch.cat([(flat - self.mean) @ self.components.T, length[:, None]], dim=1)
 
     def decode(self, numbers: Float[Tensor, "strand number"]) -> Float[Tensor, "strand point 3"]:
-        """Strands of given numbers, in local metres."""
+        """Decode numbers to strands in local metres."""
         shape = self.mean + numbers[:, :-1] @ self.components
         return (shape * numbers[:, -1:]).unflatten(1, (-1, 3))

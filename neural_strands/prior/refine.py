@@ -1,4 +1,4 @@
-"""Latents optimised for given strands: the best that the decoder can do, and the way in which a fit uses it."""
+"""Optimises latents for given strands: the best that the decoder can do."""
 
 import torch
 from jaxtyping import Float
@@ -16,7 +16,15 @@ def refine_latents(
     steps: int = 200,
     learning_rate: float = 0.01,
 ) -> Float[Tensor, "strand latent"]:
-    """Run Adam on each strand's latent, with a learning rate that falls to zero; return the best latents."""
+    """Run Adam on each strand's latent, with a learning rate that falls to zero, and return the best latents.
+
+    Args:
+        generator: the decoder.
+        latent: initial latents.
+        points: the strands to match, local metres.
+        steps: number of steps.
+        learning_rate: initial learning rate.
+    """
     current = latent.detach().clone().requires_grad_(True)
     optimiser = torch.optim.Adam([current], learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
@@ -31,7 +39,7 @@ def refine_latents(
             lowest = torch.where(better, loss, lowest)
             best = torch.where(better[:, None], current, best)
         optimiser.zero_grad()
-        # With the square root, strands with large and small errors move at the same pace; each has its own latent.
+        # The square root makes strands with large and small errors move at the same pace; each has its own latent.
         (loss + 1e-12).sqrt().sum().backward()
         optimiser.step()
         schedule.step()

@@ -31,7 +31,7 @@ class SynthesiserConfig:
     carriers: Annotated[int, Between(1, 1024)] = 40
     """Sine units of the first layer."""
     smooth: Annotated[int, Between(1, 1024)] = 12
-    """Functions of t per axis, mixed from the carriers, that the latent weights."""
+    """Functions of t per axis, mixed from the carriers and weighted by the latent."""
     sidebands: Annotated[int, Between(0, 256)] = 4
     """Pairs (sine, cosine) of second-layer units around the strand's own frequency."""
     warps: Annotated[int, Between(0, 1024)] = 1
@@ -41,11 +41,13 @@ class SynthesiserConfig:
     fastest: float = 32.0
     """Highest frequency of the second layer, cycles per strand."""
     output: Output = "gradient"
-    """Output of the sines: dp/dt, summed from the root (the paper), or positions directly (its ablation)."""
+    """Output of the sines: dp/dt, summed from the root (the paper), or positions directly (an ablation in the
+    paper)."""
     modulation: Modulation = "all"
-    """What the latent modulates in the second layer: amplitude, frequency and phase (the paper), or amplitude alone."""
+    """What the latent modulates in the second layer: amplitude, frequency and phase (the paper), or only the
+    amplitude."""
     integration: Literal["exact", "euler"] = "exact"
-    """How a step of t is summed: the integral of each sine over the step, or its value in the middle (forward
+    """How a step of t is integrated: exactly for each sine, or by its value in the middle of the step (forward
     Euler)."""
 
     @property
@@ -56,13 +58,13 @@ class SynthesiserConfig:
 
 @dataclass(frozen=True)
 class Modulations:
-    """Input of the synthesiser for each strand, from the modulator.
+    """The synthesiser's input for each strand, from the modulator.
 
     Attributes:
         length: scale of the strand, metres.
-        carrier_amplitude: of the first layer, per axis.
-        unit_amplitude: of the second layer, per axis.
-        frequency: of each second-layer unit, radians over t in [0, 1].
+        carrier_amplitude: amplitudes of the first layer, per axis.
+        unit_amplitude: amplitudes of the second layer, per axis.
+        frequency: frequency of each second-layer unit, radians over t in [0, 1].
         warp: weight of each warp function in the phase of the second layer, radians.
     """
 
@@ -80,7 +82,7 @@ class Synthesiser(nn.Module):
         super().__init__()
         self.config = config
         half = torch.arange(config.carriers)
-        # Cosines of 0, 1, 2... half turns, then sines: they can also follow functions that differ at both ends.
+        # Cosines of 0, 1, 2... half turns, then sines: together they can represent functions that differ at both ends.
         cosines = (3 * config.carriers + 4) // 5
         frequency = torch.where(half < cosines, half, half - cosines + 1) * math.pi
         self.carrier_frequency = nn.Parameter(frequency.float())
@@ -95,7 +97,7 @@ class Synthesiser(nn.Module):
         self.unit_phase = nn.Parameter(torch.tensor([0.0, math.pi / 2]).repeat(config.sidebands))
 
     def forward(self, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
-        """Strands in local metres, the root at 0."""
+        """Synthesise strands in local metres, the root at 0."""
         return positions(self.steps(modulations, points), self.config.output)
 
     def steps(self, modulations: Modulations, points: int) -> Float[Tensor, "strand 3 step"]:
@@ -110,7 +112,7 @@ class Synthesiser(nn.Module):
         return weight * (first + amplitude @ angle.sin())
 
     def step_size(self, points: int) -> float:
-        """Length of a step of t (1 if the output is positions)."""
+        """Length of a step in t (1 if the output is positions)."""
         return 1.0 / (points - 1) if self.config.output == "gradient" else 1.0
 
     def carriers(self, t: Float[Tensor, " step"], points: int | None) -> Float[Tensor, "carrier step"]:
@@ -121,7 +123,7 @@ class Synthesiser(nn.Module):
         return waves * self.attenuation(self.carrier_frequency, points)[:, None]
 
     def reach(self) -> Float[Tensor, " smooth"]:
-        """Where each smooth function of unit weight ends: its integral over t (its rise, for positions)."""
+        """Integral of each smooth function over t; for positions, its change from root to tip."""
         if self.config.output == "position":
             ends = (self.carrier_frequency + self.carrier_phase).sin() - self.carrier_phase.sin()
         else:
@@ -137,14 +139,14 @@ class Synthesiser(nn.Module):
 
 
 def times(points: int, output: Output, like: Tensor) -> Float[Tensor, " step"]:
-    """Where the sines are sampled: the middle of each step (gradient) or each point (position)."""
+    """Values of t at which the sines are sampled: the middle of each step (gradient) or each point (position)."""
     if output == "position":
         return torch.linspace(0, 1, points, dtype=like.dtype, device=like.device)
     return (torch.arange(points - 1, dtype=like.dtype, device=like.device) + 0.5) / (points - 1)
 
 
 def positions(steps: Float[Tensor, "strand 3 step"], output: Output) -> Float[Tensor, "strand point 3"]:
-    """Sum offsets from the root (forward Euler, p_k = sum of d_i), or move positions so that the root lies at 0."""
+    """Sum offsets from the root (forward Euler, p_k = sum of d_i), or translate positions so that the root is at 0."""
     if output == "position":
         return (steps - steps[..., :1]).transpose(1, 2)
     return torch.nn.functional.pad(steps.cumsum(dim=-1), (1, 0)).transpose(1, 2)

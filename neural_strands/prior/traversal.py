@@ -1,4 +1,4 @@
-"""Effects of the latent's directions on strands, and which of them control length, curliness and bend."""
+"""Effects of latent directions on strands, and the directions that control length, curliness and bend."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,9 @@ class Traversal:
 
     Attributes:
         effect_mm: mean shift of the points when one latent changes by one standard deviation, for each latent.
-        correlation: of each latent with each measure over samples of N(0, I).
+        correlation: correlation of each latent with each measure, over samples of N(0, I).
         direction: unit direction of each measure's linear regression.
-        direction_correlation: of the latent's component along that direction with the measure.
+        direction_correlation: correlation of the component along that direction with the measure.
     """
 
     effect_mm: Float[Tensor, " latent"]

@@ -1,4 +1,4 @@
-"""The strand prior as the program uses it: generator and encoder together, their file, and their limits."""
+"""The strand prior: generator and encoder together, their file, and checks of strands to encode."""
 
 import json
 from dataclasses import asdict, replace
@@ -24,7 +24,7 @@ SHIPPED = Path(__file__).parent / "weights" / "strand_prior.safetensors"
 """Weights that ship with the package."""
 ADVICE = "train them again or reinstall"
 BLOCK = 2048
-"""Strands encoded together; bounds the memory of the analysis."""
+"""Strands encoded together, to bound the memory of the analysis."""
 
 
 class StrandPrior(nn.Module):
@@ -38,15 +38,15 @@ class StrandPrior(nn.Module):
     def forward(
         self, points: Float[Tensor, "strand point 3"], noise: Float[Tensor, "strand latent"]
     ) -> tuple[Float[Tensor, "strand point 3"], Float[Tensor, "strand latent"], Float[Tensor, "strand latent"]]:
-        """Reconstruction from a sampled latent (mean + noise x deviation), with its mean and log deviation."""
+        """Reconstruct from a sampled latent (mean + noise x deviation); also returns mean and log deviation."""
         mean, log_std = self.encoder(points)
         return self.generator(mean + noise * log_std.exp(), points.shape[1]), mean, log_std
 
     def without_modulator(self) -> "StrandPrior":
-        """The same strands from other latents: the output of the coupling modulator.
+        """Return a prior of the same strands whose latents are the outputs of the coupling modulator.
 
-        They also have zero mean and unit covariance over the training curves, decode faster and are better conditioned,
-        which suits a fit. Samples of N(0, I) and straight lines between latents look less like hair.
+        These latents also have zero mean and unit covariance over the training curves, decode faster and are better
+        conditioned, which suits a fit. But samples of N(0, I) and interpolations between latents look less like hair.
 
         Raises:
             ValueError: the modulator is the paper's MLP.
@@ -60,10 +60,10 @@ class StrandPrior(nn.Module):
 
     @torch.no_grad()
     def encode(self, points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand latent"]:
-        """Mean latents of strands in local metres, which are moved to the root and resampled if necessary.
+        """Encode strands in local metres to mean latents; they are moved to the root and resampled if necessary.
 
-        Strands longer than those of training (0.6 m) are encoded at their own scale, up to `LONGEST`. Their latents lie
-        far out: samples of N(0, I) hardly reach a metre.
+        Strands longer than those of training (0.6 m) are encoded at their own scale, up to `LONGEST`. Their latents are
+        far from the origin: samples of N(0, I) hardly ever reach a metre.
 
         Raises:
             InputError: a strand has fewer than two points, is not finite, has no length, or is too long or too short.
@@ -77,7 +77,7 @@ class StrandPrior(nn.Module):
         return torch.cat([self.encoder(block)[0] for block in points.split(BLOCK)])
 
     def decode(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
-        """Strands with any number of points, in local metres."""
+        """Decode latents to strands with any number of points, in local metres."""
         return self.generator(latent, points)
 
 
@@ -85,7 +85,7 @@ def check_strands(points: Float[Tensor, "strand point 3"]) -> None:
     """Refuse strands that have no latent.
 
     Raises:
-        InputError: one sentence that names the first such strand.
+        InputError: there is such a strand; the message names the first.
     """
     if points.shape[1] < 2:
         raise InputError(f"strands to encode: expected at least two points each, got {points.shape[1]}; drop them.")
@@ -106,7 +106,16 @@ def check_strands(points: Float[Tensor, "strand point 3"]) -> None:
 
 
 def save_prior(prior: StrandPrior, path: Path, notes: dict[str, str]) -> None:
-    """Write weights and sizes as safetensors; `notes` records how they were made (command, seed, data)."""
+    """Write weights and sizes as safetensors.
+
+    Args:
+        prior: the prior to save.
+        path: the file.
+        notes: how the weights were made (command, seed, data), stored with them.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     described = {"generator": asdict(prior.generator.config), "encoder": asdict(prior.encoder.config)}
     tensors = {name: value.detach().cpu().contiguous() for name, value in prior.state_dict().items()}
     with atomic_file(path) as temporary:

@@ -1,4 +1,4 @@
-"""Start of training: smooth functions from the curves, and latents that are standard normal over them."""
+"""Initialises training: smooth functions from the curves, and latents with zero mean and unit covariance over them."""
 
 import torch
 from jaxtyping import Float
@@ -28,8 +28,8 @@ def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand 
 def white_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand point 3"], refine: int = 1) -> None:
     """Set the linear map so that the curves' latents have zero mean and unit covariance (before the modulator).
 
-    The map is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the next one the
-    gain given the length, then frequency, chirp, curl and bends.
+    The map is the Cholesky factor of the raw quantities' covariance: the first latent is the length, the second the
+    gain given the length, then follow frequency, chirp, curl and bends.
     """
     mean, factor = whitening(analyse(generator, curves, refine).flat())
     generator.linear.weight.copy_(factor)
