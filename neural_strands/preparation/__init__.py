@@ -1,1 +1,1 @@
-"""From a person's photographs to a capture: cameras, landmarks, frame and scale, head and masks."""
+"""Turns photographs of a person into a capture: cameras, landmarks, frame and scale, head and masks."""

@@ -1,4 +1,4 @@
-"""A head for a capture that has cameras but no head: a template fitted to the faces in its photographs."""
+"""Makes a head for a capture that has none: a template fitted to the faces in its photographs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -34,9 +34,9 @@ class HeadRequest:
         landmarks: landmarks set by hand; detected if None.
         template: a head mesh; the built-in one if None.
         scalp: the template's scalp; found if None.
-        size: what the user measured; the cameras' unit is a metre if nothing is said of it.
+        size: sizes that the user measured; without any, the cameras' unit is the metre.
         detector: finds faces.
-        bend: whether the template is bent to the person, or keeps its shape.
+        bend: whether the template is deformed to fit the person, or keeps its shape.
     """
 
     landmarks: Path | None = None
@@ -49,12 +49,12 @@ class HeadRequest:
 
 @dataclass(frozen=True)
 class CaptureHead:
-    """A head where a capture's cameras see it.
+    """A head in the frame of a capture's cameras.
 
     Attributes:
-        mesh: in the cameras' frame and unit.
-        scalp: its faces that hair grows from.
-        figures: what was measured on the way.
+        mesh: the head in the cameras' frame and unit.
+        scalp: the faces that hair grows from.
+        figures: measurements for the report.
     """
 
     mesh: Mesh
@@ -65,12 +65,12 @@ class CaptureHead:
 def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str], None]) -> CaptureHead:
     """Fit a template to the faces in a capture's photographs.
 
-    Masks of the person bend it; masks of the hair say where the scalp ends.
+    Person masks guide its deformation; hair masks delimit the scalp.
 
     Args:
         capture: photographs and cameras.
-        request: what is known.
-        say: takes sentences for the user.
+        request: how to find the head.
+        say: receives messages for the user.
 
     Raises:
         InputError: an input is missing or wrong, or the views do not agree on one face.
@@ -102,7 +102,7 @@ def _template(request: HeadRequest, folder: Path) -> Template:
 
 
 def _calibration(capture: Capture, folder: Path) -> Calibration:
-    """The capture's undistorted photographs as files, with their cameras."""
+    """Write the capture's undistorted photographs as files, with their cameras."""
     pictures = []
     for index in range(len(capture)):
         pictures.append(folder / f"{index:04d}.png")
@@ -111,7 +111,7 @@ def _calibration(capture: Capture, folder: Path) -> Calibration:
 
 
 def _person_masks(capture: Capture, folder: Path) -> list[Path | None]:
-    """The capture's masks of the person as files; None where there is none."""
+    """Write the capture's person masks as files; None for views without one."""
     files: list[Path | None] = []
     for index in range(len(capture)):
         mask = capture.person_mask(index)
@@ -122,7 +122,7 @@ def _person_masks(capture: Capture, folder: Path) -> list[Path | None]:
 
 
 def _scalp(capture: Capture, fitted: FittedHead) -> Int64[Tensor, " scalp"]:
-    """The template's scalp without what the capture's hair masks show bare."""
+    """The template's scalp without the parts that the capture's hair masks show to be bare."""
     world = cameras_in_world(capture.cameras, fitted.frame)
     masks = {index: mask for index in range(len(capture)) if (mask := capture.hair_mask(index)) is not None}
     if not masks:

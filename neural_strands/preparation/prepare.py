@@ -1,4 +1,4 @@
-"""From a folder of photographs to a capture, in stages that are kept on disk and skipped when nothing changed.
+"""Makes a capture from photographs, in stages that are stored on disk and skipped if their inputs are unchanged.
 
 photographs   upright pictures in sRGB
 matches       features and their matches (not with given cameras)
@@ -51,32 +51,32 @@ from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
 STAGES = "preparation"
-"""Folder of the stages, in the capture."""
+"""Name of the folder with the stages, in the capture."""
 PERSON = "person"
 VOTES = "votes.npz"
 ADVICE = "remove its folder, and the stage is done again"
 VERSIONS = {"masks": 2}
-"""Of the stages whose work has changed: what an earlier version left is done again."""
+"""Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
 @dataclass(frozen=True)
 class PrepareRequest:
-    """What to make a capture from.
+    """Inputs and settings for making a capture.
 
     Attributes:
         photographs: a folder of pictures, or a video.
-        out: the capture.
-        cameras: cameras that are known already; found from the photographs if None.
+        out: folder of the capture.
+        cameras: file or folder with calibrated cameras; estimated from the photographs if None.
         landmarks: landmarks set by hand; detected if None.
         template: a head mesh; the built-in one if None.
         scalp: the template's scalp; found if None.
-        masks: a folder with masks of the hair, named as the photographs; found if None.
+        masks: a folder with masks of the hair, named like the photographs; computed if None.
         segmenter: a command that makes masks of the hair (`masks/segmenter.py`).
-        size: what the user measured.
+        size: sizes that the user measured.
         detector: finds faces and people.
-        longest_side: pixels that neither side of a picture exceeds.
-        frames: how many to take of a video.
-        bend: whether the template is bent to the person, or keeps its shape.
+        longest_side: largest side of a picture, pixels.
+        frames: number of frames to take from a video.
+        bend: whether the template is deformed to fit the person, or keeps its shape.
     """
 
     photographs: Path
@@ -95,14 +95,14 @@ class PrepareRequest:
 
 
 def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
-    """Make a capture of photographs; what earlier runs left is used where it still holds.
+    """Make a capture from photographs; results of earlier runs are reused if they are still valid.
 
     Args:
-        request: what to make it from.
-        say: takes sentences for the user.
+        request: inputs and settings.
+        say: receives messages for the user.
 
     Returns:
-        Figures of what was found, as `preparation.json` holds them.
+        The figures that `preparation.json` contains.
 
     Raises:
         InputError: an input is missing or wrong, or the photographs do not allow a stage.
@@ -118,7 +118,7 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
 
 
 def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
-    """`prepare`, once nothing stands in its way."""
+    """Run all stages; `prepare` has checked that the folder may be used."""
     run = _Run(request, say)
     photographs = run.photographs()
     cameras, lenses = run.cameras(photographs)
@@ -151,10 +151,10 @@ def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str
 
 
 def check_out(request: PrepareRequest) -> None:
-    """See that nothing of the user's is in the way: pictures and masks in the capture are replaced.
+    """Check that no file of the user's would be lost: pictures and masks in the capture are replaced.
 
     Raises:
-        InputError: the folder holds something else than a preparation, or holds the photographs or their masks.
+        InputError: the folder contains something other than a preparation, or the photographs or masks themselves.
     """
     out = request.out
     begun = (out / STAGES).is_dir()
@@ -201,7 +201,7 @@ class _Run:
         return self._stage("photographs", inputs, work)
 
     def cameras(self, photographs: Stage) -> tuple[Stage, dict[str, PosedLens]]:
-        """Undistorted pictures with cameras, found or given, and the lenses that took them."""
+        """Undistorted pictures with cameras, estimated or given, and their lenses."""
         listed = read_list(photographs.folder)
         given = self.request.cameras
         if given is not None:
@@ -232,7 +232,7 @@ class _Run:
         return self._stage("cameras", inputs, undistort), lenses
 
     def face(self, cameras: Stage, calibration: Calibration) -> Stage:
-        """Landmarks of each view, and masks of the person where the detector makes them."""
+        """Landmarks of each view, and masks of the person if the detector makes them."""
         names = [picture.name for picture in calibration.pictures]
         marks = self.request.landmarks
         detector = self.request.detector
@@ -252,7 +252,7 @@ class _Run:
         return self._stage("face", inputs, work)
 
     def head(self, cameras: Stage, calibration: Calibration, face: Stage) -> Stage:
-        """The template on the person."""
+        """The template placed on the person."""
         template = self._template()
         inputs = {
             "cameras": cameras.digest,
@@ -295,7 +295,7 @@ class _Run:
         cameras: Sequence[Camera],
         given: GivenMasks | None,
     ) -> Stage:
-        """Masks of the hair: given, made by the user's program, or found."""
+        """Masks of the hair: given, made by the user's program, or computed."""
         segmenter = self.request.segmenter
 
         def work(out: Path) -> None:
@@ -316,13 +316,13 @@ class _Run:
         return self._stage("masks", inputs, work)
 
     def outlines(self, calibration: Calibration, face: Stage) -> list[Path | None]:
-        """Masks of the person, where there are any."""
+        """Masks of the person; None for views without one."""
         files = [face.folder / PERSON / picture.name for picture in calibration.pictures]
         return [file if file.is_file() else None for file in files]
 
 
 def _read_votes(folder: Path, vertices: int) -> np.ndarray:
-    """How many of the views see hair before each vertex of the head, NaN where none shows it."""
+    """Share of the views that see hair in front of each vertex of the head; NaN if no view shows it."""
     votes = ArraySpec("vote", str(vertices), np.float64, finite=False)
     return read_npz(folder / VOTES, "the views' votes on hair", (votes,), ADVICE)["vote"]
 

@@ -1,7 +1,7 @@
-"""Stages of a preparation: each has a folder, written whole or not at all, and skipped while its inputs are the same.
+"""Stages of a preparation: each has a folder, which is written atomically and reused while its inputs are the same.
 
-A stage's inputs are a JSON document: its settings, and the digests of the files and of the stages that it reads. They
-lie beside its outputs, so that a later run knows whether these still hold.
+A stage's inputs are a JSON document: its settings, and the digests of the files and stages that it reads. It is stored
+beside the outputs, so that a later run knows whether they are still valid.
 """
 
 import hashlib
@@ -14,16 +14,16 @@ from typing import Any
 from neural_strands.foundation.files import atomic_folder
 
 RECORD = "inputs.json"
-"""What a stage was made from, in its folder."""
+"""Name of the file, in a stage's folder, that records its inputs."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage that is done.
+    """A completed stage.
 
     Attributes:
-        folder: its outputs.
-        digest: of everything that they were made from.
+        folder: folder of its outputs.
+        digest: digest of everything that they were made from.
     """
 
     folder: Path
@@ -31,18 +31,18 @@ class Stage:
 
 
 def run_stage(folder: Path, inputs: Mapping[str, Any], work: Callable[[Path], None]) -> tuple[Stage, bool]:
-    """Do a stage's work, unless its outputs are there and were made from the same inputs.
+    """Run a stage, unless its outputs exist and were made from the same inputs.
 
     Args:
-        folder: of the stage; replaced when the work is done.
-        inputs: JSON: settings, and digests of what the stage reads.
-        work: writes the outputs into the folder it is given.
+        folder: folder of the stage; replaced when the work is done.
+        inputs: JSON values: settings, and digests of what the stage reads.
+        work: writes the outputs into the folder that it receives.
 
     Returns:
-        The stage, and whether it was worked on now.
+        The stage, and whether it has run now.
 
     Raises:
-        InputError: the folder cannot be written to, or whatever `work` raises.
+        InputError: the folder cannot be written to. Whatever `work` raises is passed on.
     """
     text = json.dumps(inputs, sort_keys=True, indent=1)
     stage = Stage(folder, hashlib.sha256(text.encode()).hexdigest())
@@ -68,7 +68,7 @@ def digest_files(paths: Iterable[Path]) -> str:
 
 
 def _recorded(folder: Path) -> str | None:
-    """The inputs that the folder's outputs were made from, if it holds any."""
+    """The recorded inputs of the folder's outputs, if there are any."""
     try:
         return (folder / RECORD).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

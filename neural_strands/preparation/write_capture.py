@@ -1,4 +1,4 @@
-"""The last step: pictures, masks, head and cameras where a capture has them."""
+"""The last step of a preparation: writes pictures, masks, head and cameras in the layout of a capture."""
 
 import os
 import shutil
@@ -18,19 +18,19 @@ from neural_strands.preparation.cameras.calibration import IMAGES, write_transfo
 from neural_strands.scalp.head import Head
 
 HAIRLINE = 0.5
-"""Share of views that must see hair before a point for it to stay scalp."""
+"""Least share of views that must see hair in front of a point for it to remain scalp."""
 
 
 @dataclass(frozen=True)
 class CaptureFiles:
-    """What goes into a capture.
+    """The contents of a capture.
 
     Attributes:
-        cameras: in world metres.
-        pictures: undistorted, one a camera.
-        hair: masks of the hair, named as the pictures.
-        outlines: masks of the person, named as the pictures; None where there is none.
-        head: in world metres.
+        cameras: cameras of the views, world metres.
+        pictures: undistorted pictures, one per camera.
+        hair: masks of the hair, named like the pictures.
+        outlines: masks of the person, named like the pictures; None for views without one.
+        head: the head, world metres.
         scalp: faces of the head that hair grows from.
     """
 
@@ -42,7 +42,7 @@ class CaptureFiles:
     scalp: Int64[Tensor, " scalp"]
 
     def write(self, out: Path) -> None:
-        """Write the capture; its cameras last, for they make it one. Files are shared with the stages, not copied.
+        """Write the capture, hard-linking the stages' files; the cameras come last and mark it as complete.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written to.
@@ -60,11 +60,11 @@ class CaptureFiles:
 
 
 def person_scalp(head: Head, vote: np.ndarray) -> Int64[Tensor, " scalp"]:
-    """The scalp's faces that are not seen bare: where most photographs see skin, nothing is rooted.
+    """Drop faces from the scalp that most photographs show to be bare skin.
 
     Args:
         head: a placed template.
-        vote: (vertex,) share of the views that see hair before each vertex; NaN where none shows it.
+        vote: (vertex,) share of the views that see hair in front of each vertex; NaN if no view shows it.
     """
     bare = torch.from_numpy(np.nan_to_num(vote, nan=1.0) < HAIRLINE)
     faces = head.mesh.faces[head.scalp_faces]
@@ -73,7 +73,7 @@ def person_scalp(head: Head, vote: np.ndarray) -> Int64[Tensor, " scalp"]:
 
 
 def _share(source: Path, target: Path) -> None:
-    """The same file under another name, or a copy where the disk cannot do that."""
+    """Hard-link a file, or copy it if the file system cannot."""
     try:
         os.link(source, target)
     except OSError:

@@ -1,1 +1,1 @@
-"""Cameras of photographs: found by structure from motion, or read from the files of other programs."""
+"""Cameras of photographs: estimated by structure from motion, or read from the files of other programs."""

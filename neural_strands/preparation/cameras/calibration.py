@@ -1,6 +1,6 @@
 """Calibrated photographs of one person: undistorted pictures, pinhole cameras and sparse points, in any frame and unit.
 
-On disk a folder that reads as a capture (`transforms.json` and `images/`), and `points.npz`.
+On disk, this is a folder in the layout of a capture (`transforms.json` and `images/`), and `points.npz`.
 """
 
 import json
@@ -23,15 +23,15 @@ from neural_strands.preparation.photographs.folder import FEWEST, Photograph, re
 IMAGES = "images"
 POINTS = "points.npz"
 SAME_SHAPE = 0.01
-"""How far a photograph's aspect may be from its camera's, relative."""
+"""Largest relative difference between the aspect ratios of a photograph and its camera."""
 
 
 @dataclass(frozen=True)
 class PosedLens:
-    """A lens and where it was: what structure from motion says of one photograph.
+    """A lens and its pose: the camera of one photograph.
 
     Attributes:
-        lens: intrinsics and distortion for the size of the picture that was calibrated.
+        lens: intrinsics and distortion, for the size of the picture that was calibrated.
         world_to_camera: (4, 4) rigid, OpenCV axes.
     """
 
@@ -41,7 +41,7 @@ class PosedLens:
 
 @dataclass(frozen=True)
 class SparsePoints:
-    """Points that structure from motion found.
+    """Sparse points from structure from motion.
 
     Attributes:
         position: (point, 3) in the cameras' frame.
@@ -77,8 +77,8 @@ class Calibration:
     """Undistorted pictures with pinhole cameras.
 
     Attributes:
-        cameras: in the order of `pictures`; their unit is that of the frame, often arbitrary.
-        pictures: PNG files.
+        cameras: in the order of `pictures`; in the unit of the frame, which is often arbitrary.
+        pictures: the pictures' PNG files.
         points: sparse points in the same frame; there may be none.
     """
 
@@ -111,11 +111,11 @@ def calibrate(
 
     Args:
         images: folder of the photographs.
-        photographs: what lies there.
-        lenses: cameras by file name; a photograph is found by the name it has now, that of its source, or its stem.
-        points: in the cameras' frame.
+        photographs: the photographs in that folder.
+        lenses: cameras by file name: the photograph's present name, that of its source, or that without its suffix.
+        points: sparse points, in the cameras' frame.
         out: an existing folder.
-        say: takes sentences for the user.
+        say: receives messages for the user.
 
     Raises:
         InputError: too few photographs have a camera, or one has another shape than its camera.
@@ -150,16 +150,16 @@ def calibrate(
 
 
 def rigid_pose(camera_to_world: np.ndarray, source: str) -> np.ndarray:
-    """World to camera from a (4, 4) camera-to-world matrix, OpenCV axes, its rotation made exact.
+    """Invert a (4, 4) camera-to-world matrix (OpenCV axes), after making its rotation exactly orthonormal.
 
     Raises:
-        InputError: the matrix scales, shears or mirrors; `source` says whose it is.
+        InputError: the matrix scales, shears or mirrors; the message names `source`.
     """
     return rigid_inverse(rigid(torch.from_numpy(camera_to_world).double(), source)).numpy()
 
 
 def write_transforms(path: Path, cameras: Sequence[Camera]) -> None:
-    """Write nerfstudio's `transforms.json` of pinhole cameras, their pictures in `images/` under the cameras' names."""
+    """Write nerfstudio's `transforms.json` for pinhole cameras, with pictures in `images/` under their names."""
     frames = [
         {
             "file_path": f"{IMAGES}/{camera.name}",
@@ -178,12 +178,12 @@ def write_transforms(path: Path, cameras: Sequence[Camera]) -> None:
 
 
 def lens_of(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLens | None:
-    """The camera of a photograph, its lens for the photograph's size: it may be of larger or smaller copies.
+    """Find the camera of a photograph, scaled to the photograph's size: it may belong to a larger or smaller copy.
 
-    Found by the name that the photograph has now, that of its source, or that without what follows the dot.
+    It is found by the photograph's present name, that of its source, or that without its suffix.
 
     Raises:
-        InputError: the shapes differ.
+        InputError: the aspect ratios differ.
     """
     stems = {Path(name).stem.lower(): name for name in lenses}
     names = (photograph.name, photograph.source, stems.get(Path(photograph.source).stem.lower(), ""))

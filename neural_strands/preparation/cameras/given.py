@@ -1,4 +1,4 @@
-"""Cameras that another program found: COLMAP, nerfstudio, Metashape or RealityCapture."""
+"""Reads cameras that another program has calibrated: COLMAP, nerfstudio, Metashape or RealityCapture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,10 +19,10 @@ def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, Pos
     Args:
         path: a folder with a COLMAP model or transforms.json, or a transforms.json, Metashape's XML or
             RealityCapture's CSV.
-        photographs: what they are cameras of.
+        photographs: the photographs that the cameras took.
 
     Raises:
-        InputError: the file is none of these, or is wrong.
+        InputError: the file is none of these, or is malformed.
     """
     if path.is_dir():
         model = find_sparse_model(path)
@@ -42,5 +42,5 @@ def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, Pos
 
 
 def by_name(views: Sequence[ViewFiles]) -> dict[str, PosedLens]:
-    """Lenses and poses of a capture's views."""
+    """Lenses and poses of a capture's views, by file name."""
     return {view.image_path.name: PosedLens(view.lens, view.camera.world_to_camera.double().numpy()) for view in views}

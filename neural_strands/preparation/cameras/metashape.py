@@ -1,4 +1,4 @@
-"""Cameras from Agisoft Metashape: the XML of *Export Cameras*."""
+"""Reads cameras from Agisoft Metashape: the XML of *Export Cameras*."""
 
 import math
 from pathlib import Path
@@ -12,17 +12,17 @@ from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
 
 ADVICE = "export the cameras again (File, Export, Export Cameras, Agisoft XML)"
 UNSUPPORTED = ("k4", "b2")
-"""Coefficients that the lens model here has no place for, if they are not zero (fourth radial, skew)."""
+"""Coefficients that our lens model lacks (fourth radial, skew); they must be zero."""
 
 
 def read_metashape(path: Path) -> dict[str, PosedLens]:
     """Read every aligned camera, by label.
 
-    Metashape's camera axes are OpenCV's. Its principal point is counted from the middle of the picture, its p1 and p2
-    are OpenCV's p2 and p1, and b1 is what fx exceeds fy by.
+    Metashape's camera axes are OpenCV's. Its principal point is relative to the middle of the picture, its p1 and p2
+    are OpenCV's p2 and p1, and b1 = fx - fy.
 
     Raises:
-        InputError: the file is no such XML, or a value is missing or wrong.
+        InputError: the file is not such XML, or a value is missing or wrong.
     """
     try:
         root = ElementTree.parse(path).getroot()

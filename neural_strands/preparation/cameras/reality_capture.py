@@ -1,4 +1,4 @@
-"""Cameras from RealityCapture (RealityScan): the CSV of *Internal/External camera parameters*."""
+"""Reads cameras from RealityCapture (RealityScan): the CSV of *Internal/External camera parameters*."""
 
 import csv
 import math
@@ -12,20 +12,20 @@ from neural_strands.foundation.errors import InputError, reason
 from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
 
 FILM_WIDTH = 36.0
-"""Millimetres of 35 mm film along the longer side, to which focal length and principal point refer."""
+"""Longer side of 35 mm film, millimetres, to which focal length and principal point refer."""
 COLUMNS = ("#name", "x", "y", "alt", "heading", "pitch", "roll", "f", "px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 ADVICE = "export it again (Alignment, Export, Registration, Internal/External camera parameters)"
 
 
 def read_reality_capture(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, PosedLens]:
-    """Read the cameras of the photographs whose sizes are known; the file itself does not say them.
+    """Read the cameras of photographs of known size; the file itself does not contain sizes.
 
     Args:
         path: the CSV.
         sizes: width and height of the photographs, by name.
 
     Raises:
-        InputError: the file is no such CSV, or a value is wrong.
+        InputError: the file is not such a CSV, or a value is wrong.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as lines:

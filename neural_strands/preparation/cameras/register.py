@@ -1,7 +1,7 @@
-"""Structure from motion with COLMAP: where each photograph was taken from, in an arbitrary frame and unit.
+"""Structure from motion with COLMAP: the camera of each photograph, in an arbitrary frame and unit.
 
-Photographs of one device, size and focal length share a lens. The principal point is freed in a last bundle adjustment:
-a portrait seldom lies in the middle of its sensor, and with a fixed one the poses are off by degrees.
+Photographs of the same device, size and focal length share a lens. The principal point is estimated in a final bundle
+adjustment: portraits are often cropped off centre, and with a fixed principal point the poses would be off by degrees.
 """
 
 import itertools
@@ -25,27 +25,28 @@ if TYPE_CHECKING:
     import pycolmap
 
 SHARED_LENS = 10
-"""Photographs of one lens from which eight parameters are estimated; fewer get a focal length and one distortion."""
+"""Number of photographs with one lens from which all eight parameters are estimated; with fewer, only focal length and
+one distortion coefficient."""
 FREE_CENTRE = 15
-"""Photographs of one lens from which its principal point is estimated as well."""
+"""Number of photographs with one lens from which its principal point is estimated as well."""
 CENTRE_RANGE = 0.15
-"""How far from the middle, in the longer side, a principal point may be found and believed."""
+"""Largest plausible distance of an estimated principal point from the middle, as a share of the longer side."""
 DEFAULT_FOCALS = (1.2, 2.4)
-"""Focal lengths in the longer side to start from where the camera noted none: a wide lens and a portrait lens.
+"""Initial focal lengths, in multiples of the longer side, if the file has none: a wide lens and a portrait lens.
 
-From too short a start, a circle around the head can end in a wrong minimum that explains the features almost as well.
+From too short a start, cameras on a circle around the head can converge to a wrong minimum.
 """
 COMPARABLE = 0.95
-"""Share of the most observations that a model needs for its reprojection error to count."""
+"""Models with at least this share of the largest number of observations are compared by reprojection error."""
 SEEN_BY = 3
-"""Photographs that must see a point for it to be kept."""
+"""Smallest number of photographs that must see a point."""
 POINT_ERROR = 2.0
-"""Pixels of mean reprojection error up to which a point is kept."""
+"""Largest mean reprojection error of a point, pixels."""
 DATABASE = "database.db"
 
 
 def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path) -> None:
-    """Find features in every photograph and match them in pairs; writes COLMAP's database into `out`.
+    """Detect features in all photographs and match them in pairs; writes COLMAP's database into `out`.
 
     Raises:
         InputError: pycolmap is not installed.
@@ -78,14 +79,14 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
 def register(
     images: Path, photographs: Sequence[Photograph], matches: Path, out: Path, say: Callable[[str], None]
 ) -> SparsePoints:
-    """Find the cameras of matched photographs; writes a COLMAP model into `out`.
+    """Estimate the cameras of matched photographs; writes a COLMAP model into `out`.
 
     Args:
         images: folder of the photographs.
-        photographs: what lies there.
+        photographs: the photographs in that folder.
         matches: folder that `match_photographs` wrote.
         out: an existing folder.
-        say: takes sentences for the user.
+        say: receives messages for the user.
 
     Raises:
         InputError: too few photographs overlap.
@@ -117,7 +118,7 @@ def register(
 
 
 def best_model(models: Sequence["pycolmap.Reconstruction"]) -> "pycolmap.Reconstruction | None":
-    """The model with the most cameras; among equals, the one with the least error."""
+    """The model with the most cameras; of several, the one with the least error."""
     if not models:
         return None
     most = max(model.num_reg_images() for model in models)
@@ -128,7 +129,7 @@ def best_model(models: Sequence["pycolmap.Reconstruction"]) -> "pycolmap.Reconst
 
 
 def _database_from(pycolmap: Any, matches: Path, folder: Path, photographs: Sequence[Photograph], focal: float) -> Path:
-    """A copy of the database in which lenses of unknown focal length start from `focal` longer sides."""
+    """Copy the database, with lenses of unknown focal length starting at `focal` times the longer side."""
     database = folder / DATABASE
     shutil.copyfile(matches / DATABASE, database)
     unknown = {photograph.name for photograph in photographs if photograph.focal <= 0}
@@ -146,7 +147,7 @@ def _database_from(pycolmap: Any, matches: Path, folder: Path, photographs: Sequ
 def _mapped(
     pycolmap: Any, images: Path, database: Path, say: Callable[[str], None], total: int
 ) -> list["pycolmap.Reconstruction"]:
-    """The models that incremental mapping finds."""
+    """The models that incremental mapping yields."""
     pycolmap.set_random_seed(0)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = 0
@@ -160,7 +161,7 @@ def _mapped(
 
 
 def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
-    """Photographs that share a lens, as far as their files say."""
+    """Group photographs that share a lens according to their metadata."""
     groups: dict[tuple, list[Photograph]] = defaultdict(list)
     for photograph in photographs:
         key = (photograph.width, photograph.height, photograph.device, round(photograph.focal))
@@ -169,7 +170,7 @@ def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
 
 
 def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable[[str], None]) -> None:
-    """Refine the principal points of lenses that enough photographs share; undone where one runs away."""
+    """Estimate the principal points of lenses that enough photographs share; undone if one diverges."""
     count: dict[int, int] = defaultdict(int)
     for image in model.images.values():
         count[image.camera_id] += image.has_pose
@@ -180,7 +181,7 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = True
     options.print_summary = False
-    # `pycolmap.bundle_adjustment` does the same and writes to the terminal.
+    # Not `pycolmap.bundle_adjustment`, which writes to the terminal.
     config = pycolmap.BundleAdjustmentConfig()
     for identity in model.reg_image_ids():
         config.add_image(identity)
@@ -206,17 +207,17 @@ def _points(model: "pycolmap.Reconstruction") -> SparsePoints:
 
 
 def _tell(say: Callable[[str], None], number: int, total: int) -> None:
-    """A line now and then: mapping takes minutes."""
+    """Report progress occasionally, because mapping takes minutes."""
     if number % 10 == 0:
         say(f"Placed {number} of {total} photographs.")
 
 
 @contextmanager
 def _told() -> Iterator[None]:
-    """What COLMAP complains of (a full disk, a picture that changed) as a sentence.
+    """Turn COLMAP's errors (a full disk, a picture that changed) into one sentence.
 
     Raises:
-        InputError: COLMAP gave up.
+        InputError: COLMAP failed.
     """
     try:
         yield

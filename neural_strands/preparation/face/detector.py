@@ -1,7 +1,7 @@
-"""Finding faces and people in pictures with MediaPipe, in a Python of its own choice.
+"""Finds faces and people in pictures with MediaPipe, which may be installed in another environment.
 
-MediaPipe pins NumPy and OpenCV to versions of its own, so it often lives in another environment: `worker.py` is run
-there. Its 478 landmarks are the same for every face (`topology.py` names those that are used).
+MediaPipe requires particular versions of NumPy and OpenCV, so it often needs an environment of its own, in which
+`worker.py` runs. It detects the same 478 landmarks on every face (`topology.py` names those that are used).
 """
 
 import importlib.util
@@ -31,7 +31,7 @@ class Detector:
     """Which MediaPipe to use.
 
     Attributes:
-        python: the interpreter that has it; this one if None.
+        python: an interpreter that has MediaPipe; this one if None.
         face_model: `face_landmarker.task`; the model inside MediaPipe's wheel (up to 0.10.21) if None.
         person_model: a selfie segmenter (.tflite); the model inside the wheel if None.
     """
@@ -41,7 +41,7 @@ class Detector:
     person_model: Path | None = None
 
     def check(self) -> None:
-        """See that what is named is there, before anything is computed.
+        """Check that interpreter and models exist, before anything is computed.
 
         Raises:
             InputError: an interpreter or a model is missing.
@@ -59,14 +59,14 @@ class Detector:
 
         Args:
             pictures: PNG or JPEG files.
-            masks: an existing folder for masks of the person, one PNG a picture; none are made if None.
-            description: of the progress bar.
+            masks: an existing folder for masks of the person, one PNG per picture; None makes none.
+            description: label of the progress bar.
 
         Returns:
             For each picture its faces, each (landmark, 2) pixels, pixel centres at +0.5.
 
         Raises:
-            InputError: the detector is not there or does not work.
+            InputError: the detector is missing or failed.
         """
         self.check()
         request = {
@@ -84,7 +84,7 @@ class Detector:
             json.dump(request, asked)
             asked.seek(0)
             try:
-                # -I: nothing of this environment's paths goes into the other's.
+                # -I isolates the other interpreter from this environment's paths.
                 process = subprocess.Popen(
                     [python, "-I", str(WORKER)], stdin=asked, stdout=subprocess.PIPE, stderr=complaints, text=True
                 )
@@ -109,7 +109,7 @@ class Detector:
 
 
 def _face(points: list) -> np.ndarray:
-    """One face's landmarks; models without irises give ten fewer, which then are not known."""
+    """Landmarks of one face; models without irises return ten fewer, which become NaN."""
     face = np.full((LANDMARKS, 2), np.nan)
     known = np.asarray(points, dtype=np.float64)[:LANDMARKS]
     face[: len(known)] = known

@@ -1,4 +1,4 @@
-"""Detected faces on disk, and landmarks that a person set by hand."""
+"""Files of detected faces, and of landmarks set by hand."""
 
 import json
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ FACES = "faces.json"
 def write_faces(folder: Path, names: Sequence[str], faces: Sequence[Sequence[np.ndarray]]) -> None:
     """Write the faces of each picture."""
     document = {name: [np.round(face, 3).tolist() for face in found] for name, found in zip(names, faces, strict=True)}
-    # JSON has no NaN, though Python writes it: null stands for it.
+    # JSON has no NaN, though Python writes it; null is used instead.
     text = json.dumps(document).replace("NaN", "null")
     (folder / FACES).write_text(text, encoding="utf-8")
 
@@ -32,7 +32,7 @@ def read_faces(folder: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
 
 
 def _landmarks(face: JsonValue) -> np.ndarray:
-    """(landmark, 2) pixels, NaN where a mark is null."""
+    """Pixels (landmark, 2) of a face; NaN where a mark is null."""
     marks = face.elements()
     found = np.full((len(marks), 2), np.nan)
     for place, mark in enumerate(marks):
@@ -48,13 +48,13 @@ def read_marks(path: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
 
     Args:
         path: the file.
-        names: pictures; one is found by its name or its stem.
+        names: names of the pictures; the file may omit their suffixes.
 
     Returns:
-        For each picture one face, or none.
+        For each picture, a list of one face or of none.
 
     Raises:
-        InputError: the file is wrong, names an unknown landmark, or marks none of the pictures.
+        InputError: the file is malformed, names an unknown landmark, or marks none of the pictures.
     """
     document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
     marked = {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items()}

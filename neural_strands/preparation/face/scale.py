@@ -1,8 +1,8 @@
 """The scale of the cameras in metres, from what is known about human faces.
 
-No single length tells: people's eyes, faces and skulls vary by several per cent. Each cue is a length of the face in
-the cameras' unit, its mean over adults and its relative spread, with the error of the measurement. They are combined in
-the logarithm, those that disagree with the rest counting less.
+No single length suffices: people's eyes, faces and skulls vary by several per cent. A cue compares a length of the face
+in the cameras' unit with its mean over adults; its error combines their relative spread with that of the measurement.
+Cues are averaged in the logarithm; those that disagree with the rest count less.
 
 Means and spreads over adult women and men together, after L. G. Farkas, *Anthropometry of the Head and Face* (1994),
 and the U.S. Army's anthropometric survey of 2012 (ANSUR II); the iris after corneal topography (white to white).
@@ -26,28 +26,28 @@ LENGTHS = (
     ("mouth width", "mouth_right", "mouth_left", 0.0525, 0.075),
     ("nose bridge to chin", "nose_bridge", "chin", 0.1175, 0.065),
 )
-"""Name, its two landmarks, mean in metres, relative spread over people."""
+"""Name, two landmarks, mean distance in metres, relative spread over people."""
 IRIS, IRIS_SPREAD = 0.0117, 0.040
 """Horizontal diameter of the visible iris, metres, and its relative spread."""
 IRIS_ERROR = 0.03
-"""Relative error of the detector's iris, which is some ten pixels wide."""
+"""Relative error of the detected width of an iris, which is some ten pixels wide."""
 TEMPLATE_SPREAD = 0.05
-"""Relative spread of people's faces about the template's size."""
+"""Relative spread of the size of people's faces around the template's."""
 COMMON_SPREAD = 0.025
-"""Part of the spread that all lengths of one head share: a large head is large in all of them."""
+"""Part of the spread that all lengths of one head share, because a large head is large in all of them."""
 FRONTAL = 35.0
-"""Degrees from the front up to which an iris's width is measured."""
+"""Largest angle from the front at which the width of irises is measured, degrees."""
 REWEIGHTINGS = 50
 
 
 @dataclass(frozen=True)
 class ScaleCue:
-    """One length that tells the scale.
+    """One length from which the scale follows.
 
     Attributes:
         name: what was measured.
-        metres_per_unit: what it says.
-        error: relative standard error, of people and of the measurement together.
+        metres_per_unit: the scale that it implies.
+        error: relative standard error, from the spread over people and the measurement.
     """
 
     name: str
@@ -60,9 +60,9 @@ class Scale:
     """The scale of a calibration.
 
     Attributes:
-        metres_per_unit: of the cameras.
+        metres_per_unit: metres per unit of the cameras' frame.
         error: relative standard error.
-        cues: what it was combined from, empty if it was given.
+        cues: the cues that were combined; empty if the scale was given.
     """
 
     metres_per_unit: float
@@ -70,7 +70,7 @@ class Scale:
     cues: tuple[ScaleCue, ...] = ()
 
     def sentence(self) -> str:
-        """The scale and its cues for people."""
+        """A sentence for the user about the scale and its cues."""
         if not self.cues:
             return f"Scale as given: {1000 * self.metres_per_unit:.2f} mm a unit of the cameras."
         cues = ", ".join(f"{cue.name} {1000 * cue.metres_per_unit:.1f} ± {100 * cue.error:.0f} %" for cue in self.cues)
@@ -83,12 +83,12 @@ class Scale:
 def face_cues(
     face: TriangulatedFace, cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndarray]]
 ) -> list[ScaleCue]:
-    """Every length of the face that could be measured.
+    """Measure every length of the face that the landmarks allow.
 
     Args:
-        face: in the cameras' frame and unit.
-        cameras: of the views.
-        faces: for each view its detected faces.
+        face: the face in the cameras' frame and unit.
+        cameras: cameras of the views.
+        faces: detected faces of each view.
     """
     cues = []
     for name, first, second, metres, spread in LENGTHS:
@@ -102,7 +102,7 @@ def face_cues(
 
 
 def combine(cues: Sequence[ScaleCue]) -> Scale:
-    """The scale that most cues agree on: a weighted mean of logarithms with Cauchy's weights for outliers.
+    """Combine cues: a weighted mean of logarithms, with Cauchy weights against outliers.
 
     Raises:
         ValueError: there are no cues.
@@ -121,7 +121,7 @@ def combine(cues: Sequence[ScaleCue]) -> Scale:
 
 
 def landmark_distance(face: TriangulatedFace, first: str, second: str) -> tuple[float, float]:
-    """Distance of two named landmarks in the cameras' unit, and its relative error; zeros if one is not known."""
+    """Distance between two named landmarks in the cameras' unit, and its relative error; zeros if either is unknown."""
     a, b = NAMED[first], NAMED[second]
     length = float(np.linalg.norm(face.points[a] - face.points[b]))
     if not length > 0:
@@ -132,7 +132,7 @@ def landmark_distance(face: TriangulatedFace, first: str, second: str) -> tuple[
 def iris_diameter(face: TriangulatedFace, cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndarray]]) -> float:
     """Median width of the irises over the frontal views, in the cameras' unit; 0 if no view shows them.
 
-    Taken view by view: eyes that follow the camera have no one place in space.
+    Measured view by view, because eyes that follow the camera have no fixed place in space.
     """
     front = face_normal(face)
     widths = []
@@ -145,7 +145,7 @@ def iris_diameter(face: TriangulatedFace, cameras: Sequence[Camera], faces: Sequ
         for border, centre in ((RIGHT_IRIS, "right_eye"), (LEFT_IRIS, "left_eye")):
             corners = face.points[[NAMED[f"{centre}_outer"], NAMED[f"{centre}_inner"]]].mean(axis=0)
             _, depth = project(projection_matrices([camera]), corners[None])
-            # The larger of two diameters: lids cover the vertical one, turning the eye narrows the other.
+            # Take the larger of two diameters: lids cover the vertical one, and turning the eye narrows the other.
             across = max(float(np.linalg.norm(pixels[border[k]] - pixels[border[k + 2]])) for k in range(2))
             widths.append(across * float(depth[0, 0]) / focal)
     known = [width for width in widths if width > 0]

@@ -1,4 +1,4 @@
-"""MediaPipe's 478 face landmarks: the few that have names here, and those that stay where they are on the skin.
+"""MediaPipe's 478 face landmarks: those that are named here, and those that stay in one place on the skin.
 
 Right and left are the person's own.
 """
@@ -30,7 +30,8 @@ NAMED = {
     "right_cheek": 234,
     "left_cheek": 454,
 }
-"""Points that a person can set by hand, and their numbers. The cheeks are where the face is widest, before the ears."""
+"""Landmarks that can be set by hand, and their indices. The cheeks are where the face is widest, in front of the
+ears."""
 
 RIGHT_IRIS = (469, 470, 471, 472)
 LEFT_IRIS = (474, 475, 476, 477)
@@ -40,10 +41,11 @@ FACE_OVAL = (
     *(10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377),
     *(152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109),
 )
-"""Border of the face in cyclic order. In profile the detector draws it along the silhouette: it slips on the skin."""
+"""Border of the face in cyclic order. In profile the detector places it on the silhouette, so it slips over the
+skin."""
 
 INNER_LIPS = (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308, 324, 318, 402, 317, 14, 87, 178, 88, 95)
-"""Where the lips meet: they open."""
+"""Inner border of the lips, which moves when they open."""
 
 INTERIOR = tuple(sorted(set(range(468)) - set(FACE_OVAL) - set(INNER_LIPS)))
-"""Landmarks that stay at one place of the skin."""
+"""Landmarks that stay in one place on the skin."""

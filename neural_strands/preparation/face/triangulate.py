@@ -1,7 +1,7 @@
-"""Landmarks in 3D from their images in several calibrated photographs, where some detections are wrong.
+"""Triangulates landmarks from several calibrated photographs, in some of which the detections are wrong.
 
-First a consensus: two views propose a face, the others vote for it. Then each landmark is found by least squares over
-the views that agreed, reweighted so that views in which it slipped count less.
+First a consensus is found: two views propose a face, and the others vote for it. Each landmark is then estimated by
+least squares over the views that agreed, reweighted so that views in which it slipped count less.
 """
 
 import itertools
@@ -15,14 +15,15 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.face.topology import INTERIOR
 
 PROPOSALS = 600
-"""Pairs of views that may propose a face."""
+"""Largest number of pairs of views that propose a face."""
 AGREEMENT = 0.02
-"""Median error, in the face's own size in the picture, up to which a view agrees with a proposal."""
+"""A view agrees with a proposal up to this median error, as a share of the face's size in the picture."""
 WIDEST, NARROWEST = 60.0, 4.0
-"""Degrees between two views that propose: nearer ones give no depth, and farther ones seldom show the same points."""
+"""Bounds of the angle between two proposing views, degrees: closer ones hardly determine depth, and more distant ones
+seldom show the same points."""
 ROUNDS = 20
 SPREAD = 0.004
-"""Robust scale of the reweighting (Geman-McClure), in the face's size: about two pixels of a face 500 pixels wide."""
+"""Scale of the Geman-McClure weights, as a share of the face's size: two pixels for a face 500 pixels wide."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,9 @@ class TriangulatedFace:
     """A face in 3D.
 
     Attributes:
-        points: (landmark, 3) in the cameras' frame; NaN where fewer than two views show it.
+        points: (landmark, 3) in the cameras' frame; NaN if fewer than two views show the landmark.
         spread: (landmark,) robust standard error of each point, in the cameras' unit.
-        views: for each view the number of its face that agreed, -1 for none.
+        views: index of each view's face that agreed, -1 if none did.
         error: median reprojection error over all landmarks and views that agreed, pixels.
     """
 
@@ -43,11 +44,11 @@ class TriangulatedFace:
 
 
 def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndarray]]) -> TriangulatedFace:
-    """Find the one face that most views agree on.
+    """Find and triangulate the one face that most views agree on.
 
     Args:
-        cameras: of the views.
-        faces: for each view its detected faces, (landmark, 2) pixels.
+        cameras: cameras of the views.
+        faces: detected faces of each view, (landmark, 2) pixels.
 
     Raises:
         InputError: no two views agree on a face, or they agree on more than one.
@@ -74,12 +75,12 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
 
 
 def triangulate(projections: np.ndarray, pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Least-squares points (point, 3) from weighted images: linear, with rows scaled to pixels by the caller's weights.
+    """Least-squares points (point, 3) from their weighted images, by linear equations.
 
     Args:
-        projections: (view, 3, 4).
-        pixels: (view, point, 2); NaN where a view does not show a point.
-        weights: (view, point), zero to leave out.
+        projections: (view, 3, 4) matrices from world to pixels.
+        pixels: (view, point, 2); NaN if a view does not show a point.
+        weights: (view, point); zero leaves an image out. Dividing by depth makes the residuals pixels.
     """
     known = np.isfinite(pixels).all(axis=-1) & (weights > 0)
     uv = np.nan_to_num(pixels)
@@ -96,19 +97,19 @@ def triangulate(projections: np.ndarray, pixels: np.ndarray, weights: np.ndarray
 
 
 def project(projections: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Images (view, point, 2) and depths (view, point) of points in every view."""
+    """Pixels (view, point, 2) and depths (view, point) of points in every view."""
     homogeneous = np.einsum("vij,pj->vpi", projections[..., :3], points) + projections[:, None, :, 3]
     depth = homogeneous[..., 2]
     return homogeneous[..., :2] / np.where(np.abs(depth) < 1e-12, 1e-12, depth)[..., None], depth
 
 
 def projection_matrices(cameras: Sequence[Camera]) -> np.ndarray:
-    """(view, 3, 4) from world to pixels; the last row gives depth."""
+    """Matrices (view, 3, 4) from world to homogeneous pixels; the last row yields the depth."""
     return np.stack([(camera.intrinsics.double() @ camera.world_to_camera[:3].double()).numpy() for camera in cameras])
 
 
 def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-    """For each view the face that agrees with the proposal most views agree with, -1 for none."""
+    """Index of each view's face that agrees with the best proposal, -1 if none does."""
     candidates = [(view, k) for view, found in enumerate(faces) for k in range(len(found))]
     best = np.full(len(cameras), -1)
     if len(candidates) < 2:
@@ -124,7 +125,7 @@ def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequen
         if views[i] != views[j] and NARROWEST <= angle[i, j] <= WIDEST
     ]
     best_score = 0.0
-    # Taken evenly from all pairs: deterministic, and the views of a sequence are all drawn.
+    # Pairs are taken evenly: this is deterministic and uses all views of a sequence.
     for i, j in (pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, min(PROPOSALS, len(pairs))).astype(int))):
         pair = [i, j]
         points = triangulate(projections[views[pair]], pixels[pair], np.ones((2, pixels.shape[1])))
@@ -139,7 +140,7 @@ def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequen
             if chosen[views[candidate]] < 0:
                 chosen[views[candidate]] = candidates[candidate][1]
                 score += 1.0 - error[candidate] / AGREEMENT
-        # More views win; among as many, those that agree better.
+        # More views score higher; of equally many, those that agree better.
         if (chosen >= 0).sum() >= 2 and score > best_score:
             best, best_score = chosen, score
     return best
@@ -155,7 +156,7 @@ def _refined(projections: np.ndarray, pixels: np.ndarray, chosen: np.ndarray) ->
         points = triangulate(projections, pixels, weights)
         image, depth = project(projections, points)
         squared = ((image - pixels) ** 2).sum(axis=-1)
-        # The linear equations count a pixel in proportion to its depth.
+        # Divide by depth, because the linear equations weight residuals in pixels by it.
         robust = (1.0 + np.nan_to_num(squared) / scale**2) ** -2
         weights = robust / (scale * np.maximum(np.abs(np.nan_to_num(depth, nan=1.0)), 1e-12)) ** 2
     error = np.sqrt(squared)
@@ -165,7 +166,7 @@ def _refined(projections: np.ndarray, pixels: np.ndarray, chosen: np.ndarray) ->
 
 
 def _standard_errors(projections: np.ndarray, pixels: np.ndarray, points: np.ndarray, robust: np.ndarray) -> np.ndarray:
-    """Root of the trace of each point's covariance, from the residuals that its views leave."""
+    """Root of the trace of each point's covariance, estimated from the residuals of its views."""
     image, depth = project(projections, points)
     rows = (projections[:, None, :2, :3] - image[..., None] * projections[:, None, None, 2, :3]) / depth[
         ..., None, None
@@ -182,5 +183,5 @@ def _standard_errors(projections: np.ndarray, pixels: np.ndarray, points: np.nda
 
 
 def _sizes(pixels: np.ndarray) -> np.ndarray:
-    """How large each face (face, landmark, 2) is in its picture: the diagonal of its bounding box, pixels."""
+    """Size of each face (face, landmark, 2): the diagonal of its bounding box, pixels."""
     return np.linalg.norm(np.nanmax(pixels, axis=1) - np.nanmin(pixels, axis=1), axis=-1)

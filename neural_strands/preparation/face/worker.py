@@ -1,14 +1,14 @@
-"""A program of its own: finds faces and people with MediaPipe, for `detector.py`, which starts it.
+"""A separate program, started by `detector.py`, that finds faces and people with MediaPipe.
 
-It runs in whatever Python has MediaPipe (whose requirements may not agree with this package's), so it imports nothing
-of this package. It reads a JSON document from standard input,
+It runs in any Python that has MediaPipe (whose requirements may conflict with this package's), so it imports nothing
+from this package. It reads a JSON document from standard input,
 
     {"images": [path, ...], "masks": folder or null, "face_model": path or null, "person_model": path or null}
 
-and answers with one JSON line an image, {"image": path, "faces": [[[x, y], ...], ...]}, coordinates in pixels, the
-centre of the top-left pixel at (0.5, 0.5). Masks of the person are written as PNG under the images' names. With the
-paths of models MediaPipe's Tasks interface is used, without them the models inside the wheels of 0.10.21 and before.
-A first line {"error": sentence} says why nothing can be done.
+and answers with one JSON line per image, {"image": path, "faces": [[[x, y], ...], ...]}, coordinates in pixels, the
+centre of the top-left pixel at (0.5, 0.5). Masks of the person are written as PNG under the images' names. With paths
+of models, MediaPipe's Tasks interface is used; without, the models inside its wheels up to 0.10.21. If nothing can be
+done, the first line is {"error": sentence}.
 """
 
 import json
@@ -20,11 +20,11 @@ from typing import Any
 
 MOST_FACES = 4
 CONFIDENCE = 0.3
-"""Least detection confidence: what is no face is voted out later, across views."""
+"""Least detection confidence; low, because false faces are voted out later, across views."""
 
 
 def main() -> int:
-    """Answer the request; libraries that print to standard output are sent to standard error."""
+    """Answer the request; what libraries print to standard output is redirected to standard error."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     request = json.loads(sys.stdin.read())
@@ -37,7 +37,7 @@ def main() -> int:
     try:
         find_faces = _face_finder(mediapipe, request["face_model"])
         find_person = _person_finder(mediapipe, np, request["person_model"]) if request["masks"] else None
-    # MediaPipe raises RuntimeError, ValueError and others for a model that is none.
+    # MediaPipe raises RuntimeError, ValueError and others for a file that is not a model.
     except Exception as error:
         return _answer(answers, {"error": " ".join(str(error).split())[:300]}, 1)
     for path in request["images"]:
@@ -109,7 +109,7 @@ def _person_finder(mediapipe: Any, np: Any, model: str | None) -> Callable[[Any]
             masks = [
                 np.array(mask.numpy_view(), dtype=np.float32) for mask in segmenter.segment(image).confidence_masks
             ]
-            # One mask is the person's; of several (hair, skin, clothes ...) the first is the background's.
+            # A single mask is that of the person; of several (hair, skin, clothes ...), the first is the background.
             coverage = masks[0] if len(masks) == 1 else 1.0 - masks[0]
             return coverage.reshape(pixels.shape[:2])
 

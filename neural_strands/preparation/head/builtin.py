@@ -1,7 +1,7 @@
-"""The built-in template: the mannequin, and where a detector of faces found its landmarks.
+"""The built-in template: the mannequin, with the landmarks that a face detector found on it.
 
-Its face is too plain for a detector, so it is painted first: eyes, brows, nostrils and lips at their places. The
-landmarks come with the package; `detect_builtin` finds them again when the mannequin's shape has changed.
+Its face is too plain for a detector, so eyes, brows, nostrils and lips are painted on it first. The landmarks are
+shipped with the package; `detect_builtin` detects them again after the mannequin's shape has changed.
 """
 
 import itertools
@@ -24,11 +24,11 @@ BROW, LIP, WHITE, IRIS, PUPIL, LINE = (
     (0.01, 0.01, 0.01),
     (0.10, 0.04, 0.03),
 )
-"""Linear RGB."""
+"""Colours of the paint, linear RGB."""
 EYE = (0.0312, 0.0000)
-"""Middle of the left eye across and up, metres, in the mannequin's frame."""
+"""Middle of the left eye, x and y, metres, in the mannequin's frame."""
 EYE_SIZE = (0.0148, 0.0054)
-"""Half the opening of the lids across and up."""
+"""Half width and half height of the opening of the lids, metres."""
 IRIS_RADIUS, PUPIL_RADIUS = 0.0058, 0.0024
 BROW_PATH = ((0.0130, 0.0175), (0.0300, 0.0235), (0.0465, 0.0190))
 BROW_WIDTH = 0.0030
@@ -36,11 +36,11 @@ MOUTH_HEIGHT, MOUTH_HALF = -0.0658, 0.0235
 UPPER_LIP, LOWER_LIP = 0.0075, 0.0095
 NOSTRIL, NOSTRIL_SIZE = (0.0075, -0.0375), (0.0042, 0.0022)
 FRONT = 0.04
-"""Metres in front of the ears from which there is a face."""
+"""Least z of painted points, metres in front of the ears."""
 
 
 STORED = Path(__file__).with_name("landmarks.npz")
-"""Landmarks of the mannequin and how far views disagreed about each, metres."""
+"""File with the mannequin's landmarks and their spread over views, metres."""
 
 
 def builtin_template() -> Template:
@@ -51,10 +51,10 @@ def builtin_template() -> Template:
 
 
 def detect_builtin(detector: Detector, folder: Path) -> Template:
-    """Find the mannequin's landmarks anew; drawings are left in `folder`.
+    """Detect the mannequin's landmarks anew; renderings are left in `folder`.
 
     Raises:
-        InputError: the detector does not work, or finds no face.
+        InputError: the detector failed, or found no face.
     """
     return find_landmarks(bust(mannequin()), detector, folder, "the mannequin", face_paint)
 

@@ -1,8 +1,8 @@
-"""Bending a placed template to the person: to landmarks and skin points, and inside every view's outline.
+"""Deforms a placed template to fit the person: landmarks, skin points, and the outline in every view.
 
-What is sought is a displacement of each vertex that is smooth (its Laplacian small), small itself, and meets the data:
-a sparse linear least-squares problem, solved again as matches and weights change. Where nothing is seen, as under the
-hair, the displacement fades over some centimetres.
+The displacement of the vertices should be smooth (a small Laplacian), small, and match the data. This is a sparse
+linear least-squares problem, solved repeatedly as matches and weights change. Where nothing is visible, as under the
+hair, the displacement fades out over some centimetres.
 """
 
 from collections.abc import Sequence
@@ -27,25 +27,25 @@ BEND = 2.5e-4
 MOVE = 0.010
 """Expected size of the displacement itself, metres."""
 LANDMARK = 0.0015
-"""Error of a landmark's place on the skin, metres, besides what is known of each."""
+"""Error of every landmark's position on the skin, metres, in addition to its own."""
 SKIN, SKIN_REACH = 0.002, 0.012
-"""Error of a point of the skin, and how far from the template it may lie, metres."""
+"""Error of a point on the skin, and its largest distance from the template, metres."""
 OUTSIDE, SLACK = 0.002, 0.002
-"""Error of an outline, and how far a vertex may lie outside it, metres."""
+"""Error of an outline, and distance by which a vertex may lie outside it, metres."""
 ROUNDS = 6
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What was seen of a person, in world metres.
+    """Observations of a person's head, in world metres.
 
     Attributes:
-        landmarks: (landmark, 3); NaN where not known.
-        landmark_error: (landmark,).
-        points: (point, 3) of the scene; those near the face are taken for skin.
+        landmarks: (landmark, 3); NaN if unknown.
+        landmark_error: (landmark,) standard errors.
+        points: (point, 3) in the scene; those near the face are assumed to be skin.
         on_face: (vertex,) the template's vertices that skin points may lie on.
-        cameras: of the views with an outline.
-        outlines: for each of these (height, width) whether a pixel is the person.
+        cameras: cameras of the views with an outline.
+        outlines: for each of these, whether each pixel (height, width) shows the person.
     """
 
     landmarks: np.ndarray
@@ -57,7 +57,7 @@ class Evidence:
 
 
 def deform(template: Template, evidence: Evidence) -> Template:
-    """Bend a placed template (world metres) to the evidence."""
+    """Deform a placed template (world metres) to match the evidence."""
     rest = template.head.mesh
     count = len(rest.vertices)
     inside = np.array(INTERIOR)
@@ -81,7 +81,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
             right = right + rows.T @ values
         moved = splu(system.tocsc()).solve(right).reshape(3, count).T
         gap = np.linalg.norm(anchors @ (start + moved) - target[known], axis=1)
-        # Geman and McClure's weights: landmarks that no smooth bend reaches have slipped.
+        # Geman-McClure weights: landmarks that no smooth deformation reaches have slipped.
         weight = (1.0 + gap**2 / (9.0 * variance)) ** -2 / variance
     mesh = replace(rest, vertices=torch.from_numpy(start + moved).float())
     landmarks = template.landmarks.clone()
@@ -92,7 +92,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
 
 
 def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Points near the face ask it to pass through them, along its normal."""
+    """Equations that pull the face along its normal to the skin points near it."""
     count = len(start)
     faces = current.faces[torch.from_numpy(evidence.on_face)[current.faces].all(dim=1)]
     if len(evidence.points) == 0 or len(faces) == 0:
@@ -115,14 +115,14 @@ def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sp
 
 
 def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Vertices outside an outline are asked onto it, across the line of sight; of several views the worst asks."""
+    """Equations that pull vertices outside an outline onto it, in the view where they are worst."""
     count = len(start)
     worst = np.zeros(count)
     goal = start.copy()
     for camera, outline in zip(evidence.cameras, evidence.outlines, strict=True):
         pixels, depth = camera.project(current.vertices)
         column, row = pixels.nan_to_num(-1.0).floor().long().unbind(dim=1)
-        # Where the picture ends nothing is known.
+        # Beyond the border of the picture nothing is known.
         within = (column >= 1) & (row >= 1) & (column < camera.width - 1) & (row < camera.height - 1) & (depth > 0)
         away, labels = cv2.distanceTransformWithLabels(
             (~outline).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
@@ -146,7 +146,7 @@ def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple
 
 
 def _attached(mesh: Mesh, points: Float[Tensor, "point 3"]) -> sparse.csr_matrix:
-    """The matrix (point, vertex) that carries points along with the surface they are nearest to."""
+    """The matrix (point, vertex) that interpolates the surface at the positions closest to given points."""
     if len(points) == 0:
         return sparse.csr_matrix((0, len(mesh.vertices)))
     return _rows(MeshIndex(mesh).closest(points.contiguous()), mesh, len(mesh.vertices))
@@ -161,7 +161,7 @@ def _rows(closest: ClosestPoints, mesh: Mesh, count: int) -> sparse.csr_matrix:
 
 
 def _laplacian(mesh: Mesh) -> sparse.csr_matrix:
-    """Mean of the neighbours less the vertex itself; nothing for a vertex without faces."""
+    """Mean of the neighbours minus the vertex itself; zero for a vertex without faces."""
     faces = mesh.faces.numpy()
     count = len(mesh.vertices)
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

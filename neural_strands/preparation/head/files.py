@@ -1,4 +1,4 @@
-"""A head with its chart and landmarks as arrays of an .npz file, between one stage and the next."""
+"""Stores a head with its chart and landmarks as arrays of an .npz file, between stages."""
 
 from collections.abc import Mapping
 
@@ -22,7 +22,7 @@ ADVICE = "remove its folder, and the stage is done again"
 
 
 def head_arrays(head: Head, landmarks: Float[Tensor, "landmark 3"]) -> dict[str, np.ndarray]:
-    """What `HEAD_ARRAYS` describes."""
+    """The arrays that `HEAD_ARRAYS` describes."""
     return {
         "vertices": head.mesh.vertices.numpy(),
         "faces": head.mesh.faces.numpy(),

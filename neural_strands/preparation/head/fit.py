@@ -1,4 +1,4 @@
-"""From a calibrated face to the world: scale, frame and the placed head, and their files."""
+"""Fits a head to a calibrated face: scale, world frame and the placed head, and their files."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -36,16 +36,17 @@ from neural_strands.scalp.head import Head
 FILE = "head.npz"
 FIGURES = "figures.json"
 OUTLINE = 50
-"""Of 255: the least certainty with which a pixel is taken for the person, so that the head is not made too small."""
+"""Value of the person mask (of 255) above which a pixel counts as person; low, so that the head does not become too
+small."""
 
 
 @dataclass(frozen=True)
 class KnownSize:
-    """What the user measured.
+    """Sizes that the user measured.
 
     Attributes:
-        metres_per_unit: of the cameras, if known.
-        pupil_distance: metres between the pupils, if known.
+        metres_per_unit: metres per unit of the cameras' frame, if known.
+        pupil_distance: distance between the pupils, metres, if known.
     """
 
     metres_per_unit: float | None = None
@@ -58,9 +59,9 @@ class FittedHead:
 
     Attributes:
         head: world metres.
-        landmarks: of the template, in world metres; NaN where not known.
-        frame: from the cameras' frame to the world.
-        figures: what was measured on the way, for the report.
+        landmarks: landmarks of the template, in world metres; NaN if unknown.
+        frame: transform from the cameras' frame to the world.
+        figures: measurements for the report.
     """
 
     head: Head
@@ -102,15 +103,15 @@ def fit_head(
     outlines: Sequence[Path | None] | None,
     say: Callable[[str], None],
 ) -> FittedHead:
-    """Place a template on the person by its face, bend it, and make its frame and the metre those of the world.
+    """Place a template on the person by its face, deform it, and define the world's frame and scale by it.
 
     Args:
         calibration: cameras in any frame and unit.
-        faces: for each view its detected faces.
+        faces: detected faces of each view.
         template: a head with landmarks.
-        known: what the user measured.
-        outlines: for each view a mask of the person, if there is one; the template keeps its shape if None.
-        say: takes sentences for the user.
+        known: sizes that the user measured.
+        outlines: a mask of the person for each view, if there is one; None keeps the template's shape.
+        say: receives messages for the user.
 
     Raises:
         InputError: the views do not agree on one face, or too few landmarks are known.
@@ -157,7 +158,7 @@ def _evidence(
     placed: Template,
     outlines: Sequence[Path | None],
 ) -> Evidence:
-    """What the photographs say of the head's shape, in the world."""
+    """Collect the photographs' evidence on the head's shape, in the world."""
     world = cameras_in_world(calibration.cameras, frame)
     seen = [(camera, path) for camera, path in zip(world, outlines, strict=True) if path is not None]
     return Evidence(

@@ -1,7 +1,7 @@
-"""The FLAME head model from the pickle that its owners hand to licensed users, read without running anything in it.
+"""Reads the FLAME head model from the pickle that its licensors provide, without running code in it.
 
-A pickle may name any function to be called. Here only NumPy arrays are built; every other name stands for an object
-that does nothing, so that what the file says about SciPy and Chumpy is passed over.
+A pickle can call any function. Here only NumPy arrays are built; every other name is replaced by an inert object, so
+that the file's references to SciPy and Chumpy have no effect.
 """
 
 import codecs
@@ -18,13 +18,13 @@ from neural_strands.foundation.input_files import read_bytes
 from neural_strands.geometry.mesh import Mesh
 
 LARGEST = 2**30
-"""Bytes of the largest file."""
+"""Largest size of the file, bytes."""
 MOST_VERTICES = 200_000
 ARRAY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 
 
 class _Inert:
-    """Stands for an object of any other library: takes whatever it is given and keeps its state."""
+    """Replaces objects of any other library: accepts any arguments and stores its state."""
 
     def __init__(self, *_: object, **__: object) -> None:
         self.state: Any = None
@@ -33,17 +33,17 @@ class _Inert:
         self.state = state
 
     def append(self, _: object) -> None:
-        """Take an element of a list."""
+        """Ignore an element of a list."""
 
     def extend(self, _: object) -> None:
-        """Take elements of a list."""
+        """Ignore elements of a list."""
 
     def __setitem__(self, _: object, __: object) -> None:
         pass
 
 
 def _encode(text: str, encoding: str = "latin1") -> bytes:
-    """What pickles of Python 3 call to make bytes; other encodings could unpack to any size."""
+    """Replaces the function by which Python 3 pickles make bytes; other encodings could expand to any size."""
     if encoding != "latin1":
         raise pickle.UnpicklingError(f"the encoding {encoding[:20]!r}")
     return codecs.encode(text, "latin1")
@@ -53,7 +53,7 @@ class _ArrayUnpickler(pickle.Unpickler):
     """Builds arrays, numbers, texts and containers, and nothing else."""
 
     def find_class(self, module: str, name: str) -> Any:
-        # numpy's own pickles name the two functions that build them; where they live differs between its versions.
+        # NumPy's pickles name two functions that build arrays; their module differs between its versions.
         if module in ARRAY_MODULES and name == "_reconstruct":
             return np.zeros(0).__reduce__()[0]
         if module in ARRAY_MODULES and name == "scalar":
@@ -69,13 +69,13 @@ def read_flame(path: Path) -> Mesh:
     """Read the mean head: metres, y up, +z out of the face.
 
     Raises:
-        InputError: the file is no pickle of a model with `v_template` and `f`.
+        InputError: the file is not a pickle of a model with `v_template` and `f`.
     """
     data = read_bytes(path, "FLAME's model", LARGEST)
     try:
         model = _ArrayUnpickler(BytesIO(data), encoding="latin1").load()
         vertices, faces = (_array(model[name]) for name in ("v_template", "f"))
-    # A damaged pickle raises almost anything.
+    # A damaged pickle can raise almost anything.
     except Exception as error:
         raise InputError(
             f"{path}: expected FLAME's model (a pickle with v_template and f), but it does not read so "
@@ -91,7 +91,7 @@ def read_flame(path: Path) -> Mesh:
 
 
 def _array(value: Any) -> np.ndarray:
-    """An array, also where Chumpy wraps it (its state holds the array under `x`)."""
+    """Unwrap an array, which Chumpy may have wrapped (its state has the array under `x`)."""
     if isinstance(value, _Inert):
         value = value.state["x"]
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":

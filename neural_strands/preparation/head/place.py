@@ -1,6 +1,7 @@
-"""Placing a template head on a person: the similarity that takes its landmarks to those of the photographs.
+"""Places a template head on a person: the similarity that maps its landmarks to those of the photographs.
 
-Only landmarks that stay on the skin are used; the border of the face slips towards the silhouette, and lips open.
+Only landmarks that stay in place on the skin are used; the border of the face slips towards the silhouette, and lips
+open.
 """
 
 from collections.abc import Sequence
@@ -17,20 +18,20 @@ from neural_strands.preparation.head.template import Template
 from neural_strands.scalp.fit_similarity import Similarity, umeyama
 
 FEWEST = 8
-"""Landmarks that both must have."""
+"""Fewest landmarks that both must have."""
 LIKENESS = 0.003
-"""Metres by which a person's face is expected to differ from the template's."""
+"""Expected difference between a person's face and the template's, metres."""
 ROUNDS = 30
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a template lies.
+    """Pose and scale of a template.
 
     Attributes:
-        fit: from the template's metres to the cameras' frame.
-        residual: median distance of the landmarks that were used, metres of the template.
-        landmarks: how many were used.
+        fit: transform from the template's metres to the cameras' frame.
+        residual: median distance of the used landmarks, metres of the template.
+        landmarks: number of landmarks used.
     """
 
     fit: Similarity
@@ -60,14 +61,14 @@ def place(template: Template, face: TriangulatedFace) -> Placement:
     gap = _gap(fit, source, target)
     for _ in range(ROUNDS):
         variance = LIKENESS**2 + spread**2 + (error / fit.scale) ** 2
-        # Geman and McClure's weights.
+        # Geman-McClure weights.
         fit = umeyama(source, target, (1.0 + gap**2 / variance) ** -2 / variance)
         gap = _gap(fit, source, target)
     return Placement(fit, float(np.median(gap)), len(source))
 
 
 def _gap(fit: Similarity, source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """How far the targets lie from their sources, in the sources' unit."""
+    """Distances of the targets from their sources, in the sources' unit."""
     return np.linalg.norm(fit.inverse().apply(torch.from_numpy(target)).numpy() - source, axis=1)
 
 
@@ -79,7 +80,7 @@ def world_frame(placement: Placement, metres_per_unit: float) -> Similarity:
 
 
 def cameras_in_world(cameras: Sequence[Camera], frame: Similarity) -> tuple[Camera, ...]:
-    """Cameras whose world is moved, turned and scaled by `frame`."""
+    """Express cameras in a world that is transformed by `frame`."""
     return tuple(replace(camera, world_to_camera=_moved(camera, frame)) for camera in cameras)
 
 

@@ -1,7 +1,7 @@
-"""A template head: a mesh with a scalp, and where the face's landmarks lie on it.
+"""A template head: a mesh with a scalp, and the face's landmarks on it.
 
-Landmarks of any template come from the detector itself: the mesh is drawn from some frontal views, the detector looks
-at the drawings, and the rays through what it finds meet the mesh.
+Landmarks of any template come from the face detector itself: the mesh is rendered from several frontal views, and the
+rays through the landmarks detected in these renderings are intersected with the mesh.
 """
 
 from collections.abc import Callable
@@ -30,28 +30,28 @@ from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
 
 BUST = 0.42
-"""Metres below the crown that are kept of a whole body."""
+"""Length below the crown that is kept of a whole body, metres."""
 SIZE = 640
-"""Side of the drawings, pixels."""
+"""Side of the renderings, pixels."""
 DISTANCE = 0.7
 SPAN = 0.42
-"""Distance of the drawings' cameras and width that they show at the face, metres."""
+"""Distance of the renderings' cameras, and width that they show at the face, metres."""
 VIEWS = tuple(
     (azimuth, elevation) for elevation in (-12.0, 0.0, 12.0) for azimuth in (-30.0, -18.0, -6.0, 6.0, 18.0, 30.0)
 )
-"""Degrees to the side and up from which the template is drawn."""
+"""Azimuth and elevation of the views from which the template is rendered, degrees."""
 SKIN, BACKGROUND = (0.80, 0.60, 0.50), (0.35, 0.38, 0.42)
 LIGHT = (0.35, 0.55, 0.75)
 """Direction to the light."""
 AMBIENT = 0.35
 FACING = 0.3
-"""Cosine between normal and line of sight from which a landmark's ray is believed."""
+"""Least cosine between normal and line of sight for a landmark's ray to be used."""
 FEWEST_VIEWS = 3
 NEAR_LANDMARK = 0.012
-"""Metres from a landmark within which the template is face."""
+"""Distance from a landmark within which the template counts as face, metres."""
 FILE = "template.npz"
 Paint = Callable[[Float[Tensor, "point 3"]], Float[Tensor, "point 3"]]
-"""The colour, linear RGB, of points of a head's surface."""
+"""Colours, linear RGB, of points on a head's surface."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class Template:
     """A head to be fitted.
 
     Attributes:
-        head: metres, y up, +z out of the face, the crown at (0, 0.12, 0) or so.
-        landmarks: on the head's surface; NaN where not known.
-        spread: how far views disagreed about each landmark, metres; NaN where not known.
+        head: metres, y up, +z out of the face, with the crown near (0, 0.12, 0).
+        landmarks: positions on the head's surface, metres; NaN if unknown.
+        spread: median deviation of the views for each landmark, metres; NaN if unknown.
     """
 
     head: Head
@@ -86,7 +86,7 @@ class Template:
 
 
 def bust(head: Head) -> Head:
-    """The head and shoulders of a head or a whole body, moved to the origin between the ears."""
+    """Cut a head or a whole body below the shoulders, and move the origin between the ears."""
     measure = measure_head(head.mesh.vertices)
     vertices = head.mesh.vertices - (measure.crown - torch.tensor([0.0, 0.12, 0.0]))
     kept = (vertices[head.mesh.faces][..., 1] > 0.12 - BUST).all(dim=1)
@@ -105,7 +105,7 @@ def load_template(path: Path, scalp: Path | None) -> Head:
     """Read a template: any mesh that `scalp.load.load_head` reads, or FLAME's pickle.
 
     Raises:
-        InputError: a file is missing or wrong.
+        InputError: a file is missing or malformed.
     """
     if path.suffix.lower() not in (".pkl", ".pickle"):
         return bust(load_head(path, scalp))
@@ -117,22 +117,22 @@ def load_template(path: Path, scalp: Path | None) -> Head:
 
 
 def skin(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
-    """One colour all over."""
+    """The same skin colour everywhere."""
     return torch.tensor(SKIN).expand(len(points), 3)
 
 
 def find_landmarks(head: Head, detector: Detector, folder: Path, name: str, paint: Paint = skin) -> Template:
-    """Let the detector find the face of a head in drawings of it, which are left in `folder`.
+    """Detect a head's landmarks in renderings of it, which are left in `folder`.
 
     Args:
-        head: metres, upright, as `bust` returns it.
+        head: the head as `bust` returns it.
         detector: finds faces.
         folder: an existing folder.
-        name: what messages call the head.
-        paint: the colours of the drawings.
+        name: name of the head in messages.
+        paint: colours of the head in the renderings.
 
     Raises:
-        InputError: the detector finds no face in most drawings.
+        InputError: the detector failed, or found no face in most renderings.
     """
     cameras = [_camera(*view) for view in VIEWS]
     buffers, pictures = [], []
@@ -160,7 +160,7 @@ def find_landmarks(head: Head, detector: Detector, folder: Path, name: str, pain
 
 
 def draw(mesh: Mesh, camera: Camera, buffer: TriangleBuffer, paint: Paint = skin) -> np.ndarray:
-    """A plain picture of a mesh: 8-bit RGB, one lamp and some ambient light."""
+    """Render a mesh simply: 8-bit RGB, one lamp and some ambient light."""
     normals = vertex_normals(mesh)[mesh.faces]
     face = buffer.face.clamp(min=0).view(-1)
     weights = buffer.barycentric.view(-1, 3)
@@ -184,7 +184,7 @@ def _camera(azimuth: float, elevation: float) -> Camera:
 def _cast(
     mesh: Mesh, camera: Camera, buffer: TriangleBuffer, pixels: Float[Tensor, "landmark 2"]
 ) -> Float[Tensor, "landmark 3"]:
-    """Where the rays through landmarks meet the mesh; NaN where they miss or graze it."""
+    """Intersect the rays through landmarks with the mesh; NaN where they miss or graze it."""
     inside = (pixels.nan_to_num(-1.0) >= 0).all(dim=1) & (pixels.nan_to_num(1e9) < SIZE).all(dim=1)
     column, row = pixels.nan_to_num(0.0).floor().long().clamp(0, SIZE - 1).unbind(dim=1)
     face, depth = buffer.face[row, column], buffer.depth[row, column]
@@ -199,7 +199,7 @@ def _cast(
 
 
 def _agreed(cast: Float[Tensor, "view landmark 3"]) -> tuple[Float[Tensor, "landmark 3"], Float[Tensor, " landmark"]]:
-    """The median over views of each landmark, and the median distance of the views from it."""
+    """Median of each landmark over the views, and the median distance of the views from it."""
     middle = cast.nanmedian(dim=0).values
     away = (cast - middle).norm(dim=-1)
     spread = away.nanmedian(dim=0).values
@@ -211,13 +211,13 @@ def _agreed(cast: Float[Tensor, "view landmark 3"]) -> tuple[Float[Tensor, "land
 def near_landmarks(
     vertices: Float[Tensor, "vertex 3"], landmarks: Float[Tensor, "landmark 3"]
 ) -> Bool[Tensor, " vertex"]:
-    """The vertices of the face: those near a landmark that stays on the skin (metres)."""
+    """Mark the vertices of the face: those near a landmark that stays in place on the skin. All in metres."""
     marks = landmarks[list(INTERIOR)]
     marks = marks[torch.isfinite(marks).all(dim=1)]
     return torch.cdist(vertices, marks).amin(dim=1) < NEAR_LANDMARK
 
 
 def rescaled(template: Template, factor: float) -> Template:
-    """The template made larger or smaller about its origin."""
+    """Scale a template about its origin."""
     head = template.head.transformed(factor, torch.eye(3), torch.zeros(3))
     return replace(template, head=head, landmarks=factor * template.landmarks, spread=factor * template.spread)

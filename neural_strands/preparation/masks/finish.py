@@ -1,20 +1,20 @@
-"""From how likely each pixel is hair to a mask: parts that cannot be hair are dropped, and the border is made loose."""
+"""Turns the probability of hair into a mask: drops parts that cannot be hair, and extends the border a little."""
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 LOOSE = 1.5
-"""Pixels by which masks reach over what was found, at the size they were computed at: hair left out is lost, a border
-of background is learned away (about 1 dB in the hair for 4 pixels)."""
+"""Pixels by which masks extend beyond the segmented hair, at the size at which they are computed: hair outside a mask
+is lost, whereas a margin of background costs little (about 1 dB in the hair for 4 pixels)."""
 LARGE, SPECK = 0.25, 0.01
-"""Parts of a mask, against its largest: kept wherever they are, and never kept."""
+"""Sizes of a mask's parts relative to the largest: above the first a part is always kept, below the second never."""
 LIKELY = 0.5
-"""Mean probability, by the head alone, from which a small part is kept."""
+"""Least mean probability, from the head alone, of a small part that is kept."""
 THICK = 0.008
-"""Metres: below the chin, what is thinner than twice this holds nothing together."""
+"""Radius, metres: below the chin, bridges thinner than twice this do not connect parts."""
 REACH = 0.012
-"""Metres that thin parts below the chin may reach beyond thick ones."""
+"""Length by which thin parts below the chin may extend beyond thick ones, metres."""
 
 
 def finish_mask(
@@ -24,16 +24,17 @@ def finish_mask(
     footprint: float,
     size: tuple[int, int],
 ) -> UInt8[np.ndarray, "rows columns"]:
-    """A mask a little loose, its border a pixel soft.
+    """Turn the probability of hair into a slightly loose mask with a soft border one pixel wide.
 
-    Parts are kept that are large or where hair is likely: a beard, or a shadow on the neck, has the colour of hair.
-    Below the chin, hair is a part of hair above it, by more than a thin bridge: the shadow inside a collar is not.
+    Parts are kept if they are large or if hair is likely there: a beard, or a shadow on the neck, has the colour of
+    hair. Below the chin, hair must be connected with hair above it by more than a thin bridge, so that the shadow
+    inside a collar is dropped.
 
     Args:
         coverage: probability of hair.
-        likely: the same by the head alone.
-        below_chin: pixels that show what is lower than the chin.
-        footprint: metres that a pixel spans at the head.
+        likely: probability of hair from the head alone.
+        below_chin: pixels that show something lower than the chin.
+        footprint: width of a pixel at the head, metres.
         size: width and height of the mask.
     """
     solid = coverage > 0.5
@@ -45,7 +46,7 @@ def finish_mask(
 
 
 def _kept(mask: Bool[np.ndarray, "height width"], likely: np.ndarray) -> Bool[np.ndarray, "height width"]:
-    """The parts that are large, or no specks and likely."""
+    """The parts that are large, or at least no specks and likely."""
     count, labels, facts, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     if count == 1:
         return mask
@@ -57,7 +58,7 @@ def _kept(mask: Bool[np.ndarray, "height width"], likely: np.ndarray) -> Bool[np
 
 
 def _connected_to(seeds: Bool[np.ndarray, "height width"], mask: np.ndarray) -> Bool[np.ndarray, "height width"]:
-    """The parts of a mask that hold a seed; all seeds lie in it."""
+    """The connected parts of a mask that contain a seed; all seeds lie in the mask."""
     count, labels = cv2.connectedComponents(mask.astype(np.uint8))
     part = np.asarray(labels, dtype=np.int64)
     held = np.zeros(count, dtype=bool)
@@ -66,12 +67,12 @@ def _connected_to(seeds: Bool[np.ndarray, "height width"], mask: np.ndarray) -> 
 
 
 def _opened(mask: Bool[np.ndarray, "height width"], radius: float) -> Bool[np.ndarray, "height width"]:
-    """What of a mask a disc of this radius, in pixels, can cover without leaving the mask."""
+    """Morphological opening of a mask by a disc of this radius, in pixels."""
     side = 2 * max(round(radius), 1) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
 
 
 def _distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
-    """Pixels from each pixel to the mask; far where it is empty."""
+    """Distance of each pixel from the mask, pixels; large if the mask is empty."""
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5))

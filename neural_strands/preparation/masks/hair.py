@@ -1,9 +1,10 @@
-"""Masks of the hair without any model of hair: the placed head, the person's outline, colour and texture.
+"""Masks of the hair without a learned model: from the placed head, the person's outline, colour and texture.
 
-A pixel is hair, the rest of the person, or background. The head says where hair is likely (`zones.py`); the look of
-hair is one histogram over all views, begun on the scalp above the forehead and beside the head; those of skin, clothes
-and background are each view's own. A random walk draws the border along edges. Then the views vote on each point of the
-head's surface, so that all agree on the hairline, looks are learned again from what was found, and it is done again.
+A pixel is hair, the rest of the person, or background. The head determines where hair is likely (`zones.py`). The look
+of hair is one histogram over all views, initialised on the scalp above the forehead and beside the head; each view has
+its own histograms of skin, clothes and background. A random walk aligns the border with edges. Then the views vote on
+each point of the head's surface, so that they agree on the hairline, the histograms are learned again from the result,
+and everything is repeated.
 """
 
 from collections.abc import Sequence
@@ -23,24 +24,24 @@ from neural_strands.preparation.masks.zones import ZonedHead, Zones, votes
 from neural_strands.preparation.photographs.folder import read_picture
 
 LONGEST_SIDE = 1024
-"""Pixels at which masks are computed; larger pictures get theirs enlarged."""
+"""Longer side at which masks are computed, pixels; masks of larger pictures are enlarged."""
 ROUNDS = 2
 STRENGTH = 0.15
-"""Of the evidence against a link of the random walk."""
+"""Weight of the evidence relative to a link of the random walk."""
 SURE = 0.9
-"""Probability from which a pixel teaches a look."""
+"""Probability above which a pixel contributes to a histogram."""
 PERSON_RANGE = (0.02, 0.98)
-"""How sure the person's outline may be: it comes from a coarse network."""
+"""Bounds of the probability from the person's outline, which comes from a coarse network."""
 VOTE_RANGE = (0.02, 0.98)
 DOUBT = 0.1
-"""Weight with which a pixel teaches the look of skin or clothes though that of hair explains it better."""
+"""Weight in the histogram of skin or clothes of a pixel that the one of hair explains better."""
 FRONTAL = 0.7
-"""Cosine to the front from which a view shows the face: from the side hair hangs before it."""
+"""Least cosine to the front for a view to show the face: seen from the side, hair hangs in front of it."""
 WISPS, WISP_WEIGHT = 0.012, 0.6
-"""Metres about the person's outline in which hair may stick out of it, and how likely the person is there."""
+"""Distance by which hair may stick out of the person's outline, metres, and the probability of the person there."""
 FEWEST_VOTES = 2
 NO_OUTLINE = 0.06
-"""Metres about the head that may be the person's where no outline is known."""
+"""Distance from the head that may belong to the person if there is no outline, metres."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,9 @@ class HairMasks:
     """Masks of every view.
 
     Attributes:
-        coverage: for each view (height, width) of hair, 8 bits.
-        vote: (vertex,) share of the views that show a vertex of the head and see hair before it; NaN where none does.
+        coverage: hair mask of each view, (height, width), 8 bits.
+        vote: (vertex,) share of the views of each vertex of the head that see hair in front of it; NaN if none sees the
+            vertex.
     """
 
     coverage: tuple[np.ndarray, ...]
@@ -58,14 +60,14 @@ class HairMasks:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a view says that does not change.
+    """The parts of a view that stay fixed over the rounds.
 
     Attributes:
         picture: 8-bit RGB.
-        cells: of colour and texture.
-        zones: what the head says of its pixels.
+        cells: histogram cells of colour and texture.
+        zones: the head's zones in the view.
         person: (height, width) probability of the person.
-        frontal: whether the face is seen from the front.
+        frontal: whether the view shows the face from the front.
     """
 
     picture: np.ndarray
@@ -81,13 +83,13 @@ def find_hair(
     head: ZonedHead,
     outlines: Sequence[Path | None],
 ) -> HairMasks:
-    """Find the hair of every view.
+    """Segment the hair in every view.
 
     Args:
-        cameras: in world metres.
-        pictures: undistorted.
+        cameras: cameras of the views, world metres.
+        pictures: the undistorted pictures.
         head: the placed template with its zones.
-        outlines: for each view a mask of the person, if there is one.
+        outlines: a mask of the person for each view, if there is one.
     """
     scale = [min(1.0, LONGEST_SIDE / max(camera.width, camera.height)) for camera in cameras]
     small = [
@@ -116,7 +118,7 @@ def find_hair(
         mean, count = votes([view.zones for view in seen], found)
         vote = np.where(count >= FEWEST_VOTES, mean, np.nan)
         known = torch.from_numpy(np.clip(np.nan_to_num(vote), *VOTE_RANGE)).to(head.prior)
-        # The face stays face: beards and brows have the colour of hair.
+        # The prior of the face is not replaced: beards and brows have the colour of hair.
         replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
         prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
     coverage = tuple(
@@ -133,7 +135,7 @@ def find_hair(
 
 
 def vote_on(cameras: Sequence[Camera], head: ZonedHead, coverage: Sequence[np.ndarray]) -> HairMasks:
-    """Masks that are given, and what they say of the head's surface."""
+    """Compute the votes on the head's surface for given masks."""
     vote, count = votes([head.seen_by(camera) for camera in cameras], [mask / 255.0 for mask in coverage])
     return HairMasks(tuple(coverage), np.where(count >= FEWEST_VOTES, vote, np.nan))
 
@@ -157,17 +159,17 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
 
 
 def _distance(camera: Camera, head: ZonedHead) -> float:
-    """From the camera to the scalp, metres."""
+    """Distance from the camera to the scalp, metres."""
     return float((head.head.scalp_mesh.corners().mean(dim=(0, 1)) - camera.position).norm())
 
 
 def _first_guess(view: _Seen) -> np.ndarray:
-    """Where hair is before its look is known: on the scalp's inside, and the person beside the head."""
+    """Probability of hair before its look is known: the scalp, and the person beside the head."""
     return view.zones.prior * view.person
 
 
 def _hair_look(seen: Sequence[_Seen], found: Sequence[np.ndarray], skin: LookHistogram) -> LookHistogram:
-    """The look of what is surely hair, twice: the second time without the pixels that skin explains better."""
+    """Learn the look of pixels that are surely hair, then again without those that skin explains better."""
     sure = [view.cells[guess > SURE] for view, guess in zip(seen, found, strict=True)]
     hair = LookHistogram.of(sure)
     return LookHistogram.of([cells[hair(cells) > skin(cells)] for cells in sure])
@@ -181,7 +183,7 @@ def _segment(
     camera: Camera,
     prior: torch.Tensor | None,
 ) -> np.ndarray:
-    """Evidence of each pixel from zone, outline and look, then the random walk."""
+    """Combine zone, outline and look into evidence for each pixel, then run the random walk."""
     zones = view.zones if prior is None else head.seen_by(camera, prior)
     is_person = view.person > 0.5
     hair, all_skin = looks

@@ -1,4 +1,4 @@
-"""Segmentation by a random walker: evidence of each pixel, spread along smooth parts and held up by edges.
+"""Segmentation by a random walker: evidence at each pixel spreads over smooth parts and stops at edges.
 
 After L. Grady, *Multilabel Random Walker Image Segmentation Using Prior Models* (2005). The result minimises
 sum of w_ij (x_i - x_j)^2 + strength * (p_i (x_i - 1)^2 + (1 - p_i) x_i^2): a sparse, convex system, solved by conjugate
@@ -8,7 +8,7 @@ gradients.
 import numpy as np
 
 CONTRAST = 30.0
-"""How fast an edge cuts: a link weighs exp(-CONTRAST * squared difference of colour), colours in [0, 1]."""
+"""Sensitivity to edges: a link has weight exp(-CONTRAST * squared difference of colour), with colours in [0, 1]."""
 LEAST_LINK = 1e-3
 STEPS = 200
 TOLERANCE = 1e-4
@@ -20,11 +20,11 @@ def random_walk(picture: np.ndarray, evidence: np.ndarray, strength: float) -> n
 
     Args:
         picture: (height, width, 3) 8-bit RGB.
-        evidence: (height, width) probability of each pixel by itself.
-        strength: weight of the evidence against a link to a neighbour; smaller smooths farther.
+        evidence: (height, width) probability at each pixel alone.
+        strength: weight of the evidence relative to a link; smaller values smooth over longer distances.
 
     Returns:
-        (height, width) in [0, 1].
+        Smoothed probabilities (height, width).
     """
     colour = picture.astype(np.float32) / 255.0
     across, down = _links(colour[:, 1:] - colour[:, :-1]), _links(colour[1:] - colour[:-1])

@@ -1,4 +1,4 @@
-"""Masks of the hair from elsewhere: files, or a program that makes them."""
+"""Masks of the hair from files, or from another program."""
 
 import shlex
 import subprocess
@@ -18,7 +18,7 @@ from neural_strands.preparation.photographs.folder import Photograph
 from neural_strands.preparation.stage import digest_files
 
 SAME_SHAPE = 0.01
-"""How far a mask's aspect may be from its photograph's, relative."""
+"""Largest relative difference between the aspect ratios of a mask and its photograph."""
 
 
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
@@ -43,12 +43,12 @@ def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GivenMasks:
-    """Masks of the photographs as they were taken.
+    """Masks of the original, distorted photographs.
 
     Attributes:
-        folder: holds them, named as the photographs (NAME.png or NAME.jpg.png).
-        photographs: what they are masks of.
-        lenses: what took the photographs, by name.
+        folder: folder of the masks, named like the photographs (NAME.png or NAME.jpg.png).
+        photographs: the photographs that they belong to.
+        lenses: lenses of the photographs, by name.
     """
 
     folder: Path
@@ -56,15 +56,15 @@ class GivenMasks:
     lenses: Mapping[str, PosedLens]
 
     def digest(self) -> str:
-        """Of every mask.
+        """Digest of all masks.
 
         Raises:
-            InputError: there is no such folder, or a mask is missing.
+            InputError: the folder or a mask is missing.
         """
         return digest_files([self._path(photograph) for photograph in self.photographs])
 
     def read(self, name: str) -> np.ndarray:
-        """The undistorted mask of a picture.
+        """Read and undistort the mask of a picture.
 
         Raises:
             InputError: it is missing, does not decode, or has another shape than the photograph.
@@ -85,7 +85,7 @@ class GivenMasks:
 
 
 def check_command(command: str) -> None:
-    """See that a segmenter's command names where picture and mask go.
+    """Check that a segmenter's command has placeholders for picture and mask.
 
     Raises:
         InputError: it does not.
@@ -102,10 +102,10 @@ def check_command(command: str) -> None:
 
 
 def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> list[np.ndarray]:
-    """Run a command on each picture; it writes a mask, white where there is hair.
+    """Run a command on each picture, which writes a mask that is white where there is hair.
 
     Args:
-        command: its words, with {image} and {mask} for the paths of the picture and of the PNG to be written.
+        command: the command line, with {image} and {mask} in place of the paths of the picture and of the PNG to write.
         pictures: undistorted pictures.
         out: an existing folder for the masks.
 

@@ -1,4 +1,4 @@
-"""What the placed head says about each pixel before any colour is looked at: how likely a person's pixel is hair."""
+"""Prior probability of hair at each pixel of the person, from the placed head alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,29 +16,30 @@ from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
 
 FACE, CHEEK, SCALP, SIDE, NECK = 0.02, 0.10, 0.93, 0.40, 0.12
-"""Probability of hair before the face below the brows, its border, the scalp, ears and nape, and all below the chin."""
+"""Probability of hair in front of the face below the brows, its border, the scalp, ears and nape, and everything below
+the chin."""
 FOREHEAD = ((0.0, 0.03, 0.06, 0.09), (0.10, 0.20, 0.50, 0.93))
-"""Metres above the brows, and the probability of hair there: hairlines differ, and fringes hang."""
+"""Heights above the brows, metres, and the probability of hair there: hairlines differ, and fringes hang down."""
 FRONTAL = 0.3
-"""Least z of the normals of the front."""
+"""Least z of the normals of the head's front."""
 BESIDE, BELOW = 0.93, 0.30
-"""The same beside the head's silhouette, above the chin and a hand's breadth below it."""
+"""Probability of hair beside the head's silhouette: above the chin, and a hand's breadth below it."""
 HAND = 0.10
-"""Metres over which the one passes into the other."""
+"""Length over which the one changes into the other, metres."""
 
 
 @dataclass(frozen=True)
 class Zones:
-    """One view of the placed head.
+    """The zones of the placed head in one view.
 
     Attributes:
         prior: (height, width) probability that a pixel of the person is hair.
-        face: (height, width) the face below the brows: skin, but for eyes, mouth and beard.
+        face: (height, width) the face below the brows: skin, except for eyes, mouth and beard.
         scalp: (height, width) the scalp.
         head: (height, width) the head above the chin.
-        below_chin: (height, width) what is lower than the chin, if it is as far away as the scalp.
-        shown: (vertex,) the template's vertices that the view shows.
-        pixel: (vertex, 2) column and row of each of these vertices, whole numbers.
+        below_chin: (height, width) pixels that show something lower than the chin, if it is as far away as the scalp.
+        shown: (vertex,) the template's vertices that are visible in the view.
+        pixel: (vertex, 2) column and row of each of these vertices, integers.
     """
 
     prior: np.ndarray
@@ -52,12 +53,12 @@ class Zones:
 
 @dataclass(frozen=True)
 class ZonedHead:
-    """A head in world metres whose vertices know their zone.
+    """A head in world metres, with the zone of each vertex.
 
     Attributes:
         head: the placed template.
-        prior: (vertex,) probability of hair before each vertex.
-        on_face: (vertex,) whether it belongs to the face below the brows.
+        prior: (vertex,) probability of hair in front of each vertex.
+        on_face: (vertex,) whether the vertex belongs to the face below the brows.
         chin: height of the chin, metres.
     """
 
@@ -68,7 +69,7 @@ class ZonedHead:
 
     @classmethod
     def of(cls, head: Head, landmarks: Float[Tensor, "landmark 3"]) -> "ZonedHead":
-        """Tell the zones from the template's landmarks, in world metres."""
+        """Determine the zones from the template's landmarks, in world metres."""
         vertices = head.mesh.vertices
         brow_height = landmarks[[NAMED["right_brow_inner"], NAMED["left_brow_inner"]], 1].nanmean()
         chin = landmarks[NAMED["chin"], 1]
@@ -88,7 +89,7 @@ class ZonedHead:
         return cls(head, prior, on_face, float(chin))
 
     def seen_by(self, camera: Camera, prior: Float[Tensor, " vertex"] | None = None) -> Zones:
-        """The zones in a view; `prior` stands for the vertices' own if given."""
+        """Project the zones into a view; `prior`, if given, replaces the vertices' own."""
         mesh = self.head.mesh
         values = self.prior if prior is None else prior
         buffer = rasterise_triangles(mesh.vertices, mesh.faces, camera)
@@ -117,7 +118,7 @@ class ZonedHead:
 
 
 def votes(zones: Sequence[Zones], coverage: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """How often each vertex lies behind hair, (vertex,) in [0, 1], and how many views show it."""
+    """Share of views (vertex,) in which each vertex is behind hair, and the number of views (vertex,) that show it."""
     total = np.zeros(len(zones[0].shown))
     count = np.zeros(len(zones[0].shown))
     for zone, covered in zip(zones, coverage, strict=True):

@@ -1,1 +1,1 @@
-"""Photographs made ready: upright, in sRGB, of a sensible size, whatever they came as."""
+"""Imports photographs from any format: upright, in sRGB, of a sensible size."""

@@ -1,6 +1,6 @@
-"""Photographs from a folder: turned upright, converted to sRGB, made no larger than asked, written as PNG.
+"""Imports photographs from a folder: turns them upright, converts them to sRGB, limits their size, and writes PNG.
 
-PNG because later stages read them again, and because nothing of a camera's metadata (such as a place) goes with it.
+PNG is lossless for later stages, and drops the camera's metadata, such as locations.
 """
 
 import json
@@ -20,11 +20,11 @@ from neural_strands.foundation.json_files import read_json
 from neural_strands.foundation.progress import track
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
-"""Names of files that are taken for photographs, in any case."""
+"""Suffixes of photographs, in upper or lower case."""
 FEWEST = 3
-"""Photographs that cameras can be found for at all."""
+"""Smallest number of photographs whose cameras can be estimated."""
 FILM_DIAGONAL = math.hypot(36.0, 24.0)
-"""Millimetres across 35 mm film, to which EXIF's equivalent focal length refers."""
+"""Diagonal of 35 mm film, millimetres, to which EXIF's equivalent focal length refers."""
 MAKE, MODEL, EXIF, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0xA405
 """EXIF tags."""
 LIST = "photographs.json"
@@ -35,12 +35,12 @@ class Photograph:
     """One upright photograph.
 
     Attributes:
-        name: of its file, unlike that of any other.
+        name: unique name of its file.
         source: the file it was made from.
         width: pixels.
         height: pixels.
-        focal: focal length in pixels that the camera noted, 0 if it noted none.
-        device: maker and model of the camera, empty if unknown.
+        focal: focal length from the metadata, pixels; 0 if unknown.
+        device: make and model of the camera, empty if unknown.
     """
 
     name: str
@@ -52,10 +52,10 @@ class Photograph:
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """The photographs of a folder, sorted by name.
+    """List the photographs of a folder, sorted by name.
 
     Raises:
-        InputError: there is no such folder, or it holds too few photographs.
+        InputError: the folder does not exist or has too few photographs.
     """
     if not folder.is_dir():
         raise InputError(
@@ -78,13 +78,13 @@ def import_photographs(
 ) -> list[Photograph]:
     """Write each photograph to `out` as an upright PNG, and list them in `photographs.json`.
 
-    A file that does not decode is left out, and said so.
+    Files that do not decode are skipped with a message.
 
     Args:
         paths: photographs.
         out: an existing folder.
-        longest_side: pixels that neither side exceeds afterwards.
-        say: takes sentences for the user.
+        longest_side: largest side afterwards, pixels.
+        say: receives messages for the user.
 
     Raises:
         InputError: fewer than three decode, or HEIC files come without the package that reads them.
@@ -96,7 +96,7 @@ def import_photographs(
         try:
             with Image.open(path) as image:
                 pixels, focal, device = _upright(image, longest_side)
-        # Pillow's decoders raise whatever the damage makes of them.
+        # Depending on the damage, Pillow's decoders raise various exceptions.
         except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             say(f"{path.name} does not decode ({str(error)[:100]}) and is left out.")
             continue
@@ -133,7 +133,7 @@ def write_picture(path: Path, pixels: np.ndarray) -> None:
     """Write 8-bit RGB or grey pixels as PNG.
 
     Raises:
-        OSError: the disk is full, or the folder cannot be written to.
+        OSError: the file cannot be written.
     """
     ordered = pixels[:, :, ::-1] if pixels.ndim == 3 else pixels
     encoded = cv2.imencode(".png", np.ascontiguousarray(ordered))[1]
@@ -154,7 +154,7 @@ def read_picture(path: Path) -> np.ndarray:
 
 
 def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, str]:
-    """Pixels (height, width, 3), focal length in their pixels, and the device."""
+    """Return upright pixels (height, width, 3), the focal length in pixels, and the device."""
     exif = image.getexif()
     device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (MAKE, MODEL)).strip()
     equivalent = exif.get_ifd(EXIF).get(FOCAL_35MM, 0)
@@ -175,7 +175,7 @@ def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, 
 
 
 def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:
-    """8-bit RGB in sRGB: phones write Display P3. A damaged profile is taken for sRGB."""
+    """Convert to 8-bit sRGB, for phones write Display P3; a damaged profile is ignored."""
     if image.mode.startswith("I;16") or image.mode == "I":
         grey = np.asarray(image, dtype=np.float64) / 257.0
         image = Image.fromarray(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
@@ -194,7 +194,7 @@ def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:
 
 
 def _unique(path: Path, names: set[str]) -> str:
-    """The file's stem, numbered where another file (in another case, or of another format) has it already."""
+    """The file's stem, with a number appended if another file (in other case or format) already has it."""
     stem, number = path.stem, 2
     while stem.lower() in names:
         stem, number = f"{path.stem}-{number}", number + 1
@@ -203,7 +203,7 @@ def _unique(path: Path, names: set[str]) -> str:
 
 
 def _register_heic(paths: Sequence[Path]) -> None:
-    """Teach Pillow to read HEIC where there is any.
+    """Enable Pillow to read HEIC if any of the files needs it.
 
     Raises:
         InputError: pillow-heif is not installed.

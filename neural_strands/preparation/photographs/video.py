@@ -1,4 +1,4 @@
-"""Photographs from a video: of each stretch of it the sharpest frame."""
+"""Imports photographs from a video: the sharpest frame of each stretch."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,25 +11,25 @@ from neural_strands.foundation.progress import track
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, write_list, write_picture
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
-"""Names of files that are taken for videos, in any case."""
+"""Suffixes of videos, in upper or lower case."""
 JUDGED_SIDE = 320
-"""Longer side at which a frame's sharpness is judged, pixels: noise is averaged away, motion blur is not."""
+"""Longer side at which the sharpness of frames is measured, pixels: noise averages out, motion blur remains."""
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path is named as a video."""
+    """Whether a path has the suffix of a video."""
     return path.suffix.lower() in SUFFIXES
 
 
 def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Callable[[str], None]) -> list[Photograph]:
-    """Cut a video into `frames` stretches of the same length and write the sharpest frame of each, upright, as PNG.
+    """Divide a video into `frames` equal stretches and write the sharpest frame of each as an upright PNG.
 
     Args:
         path: the video.
         out: an existing folder.
-        frames: how many to take; fewer where the video has fewer.
-        longest_side: pixels that neither side exceeds afterwards.
-        say: takes sentences for the user.
+        frames: number of frames to take; fewer if the video has fewer.
+        longest_side: largest side afterwards, pixels.
+        say: receives messages for the user.
 
     Raises:
         InputError: the video does not decode, or has too few frames.
@@ -67,7 +67,7 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
 
 
 def sharpness(frame: np.ndarray) -> float:
-    """How much detail a picture (height, width, 3) has: the variance of its Laplacian, once it is small."""
+    """Sharpness of a picture (height, width, 3): the variance of its Laplacian after it is reduced to `JUDGED_SIDE`."""
     grey = cv2.cvtColor(_small(frame, JUDGED_SIDE), cv2.COLOR_BGR2GRAY)
     return float(cv2.Laplacian(grey, cv2.CV_32F).var())
 
