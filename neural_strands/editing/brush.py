@@ -1,4 +1,4 @@
-"""A brush that paints a region of the scalp chart: what lies under a pointer becomes a dab."""
+"""A brush that paints regions of the scalp chart: each touch adds a dab under the pointer."""
 
 import torch
 from jaxtyping import Float
@@ -8,11 +8,11 @@ from neural_strands.editing.settings import Dab
 from neural_strands.foundation.errors import InputError
 
 REACH = 0.01
-"""How far from a ray a root may lie and still be under the pointer, metres."""
+"""Largest distance of a root under the pointer from the ray, metres."""
 FRONT = 0.03
-"""How much farther along the ray than the first root; those beyond lie on the other side of the head, metres."""
+"""Roots farther than this behind the first along the ray, metres, lie on the other side of the head."""
 FEWEST = 6
-"""Roots from which the size of the chart is taken."""
+"""Fewest roots from which the scale of the chart is estimated."""
 
 
 def dab_under(
@@ -22,14 +22,14 @@ def dab_under(
     uv: Float[Tensor, "root 2"],
     radius: float,
 ) -> Dab:
-    """The dab that a brush leaves where a ray meets the scalp, whatever hair hangs in front of it.
+    """Compute the dab that a brush paints where a ray meets the scalp, ignoring hair in front of it.
 
     Args:
-        origin: where the ray begins, world metres.
-        direction: where it leads to, of any length.
-        roots: world metres.
-        uv: their places on the chart.
-        radius: of the brush, metres.
+        origin: start of the ray, world metres.
+        direction: direction of the ray, of any length.
+        roots: positions of the roots, world metres.
+        uv: positions of the roots on the chart.
+        radius: radius of the brush, metres.
 
     Raises:
         InputError: no root lies near the ray.
@@ -47,7 +47,7 @@ def dab_under(
 
 
 def chart_scale(roots: Float[Tensor, "root 3"], uv: Float[Tensor, "root 2"], root: int) -> float:
-    """Chart units per metre around a root: the median over the roots near it, those of other islands left out."""
+    """Chart units per metre around a root: the median over nearby roots, except those on other islands of the chart."""
     near = (roots - roots[root]).norm(dim=1)
     nearest = near.topk(min(FEWEST + 1, len(roots)), largest=False).indices
     nearest = nearest[near[nearest] > 0]

@@ -1,4 +1,4 @@
-"""More or fewer strands than were fitted, grown from the scalp textures."""
+"""Changes the number of strands: more or fewer than were fitted, decoded from the scalp textures."""
 
 from dataclasses import replace
 
@@ -22,16 +22,16 @@ from neural_strands.scalp.roots import CANDIDATES
 LONGEST_EDGE = 4.0
 """Longest edge between neighbouring roots, in median edges: longer ones span gaps of the chart."""
 STRAY = 0.12
-"""Mean distance of a new strand from all of its neighbours above which it is a stray, in their lengths."""
+"""A new strand is a stray if its mean distance from every neighbour exceeds this share of their lengths."""
 NEIGHBOURS, COMPARED = 4, 12
-"""Neighbours that a new strand is compared with, and points on each."""
+"""Number of neighbours that a new strand is compared with, and of points compared on each."""
 FEWEST = 3
-"""Roots below which no surface lies between them."""
+"""Fewest roots that span a surface."""
 
 
 @torch.no_grad()
 def change_density(density: Density, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """The same texture, sampled at other roots: present ones first, new ones in between.
+    """Sample the same texture at another number of roots: present ones first, then new ones in between.
 
     Raises:
         InputError: too few roots to span a scalp.
@@ -40,7 +40,7 @@ def change_density(density: Density, shape: ScalpShape, model: HairModel) -> Sca
     surface = root_surface(shape)
     new = _between_roots(shape, surface, CANDIDATES * density.strands, random)
     new = replace(new, position=_on_body(new.position, model))
-    # Blue noise prefers what comes first.
+    # Sample elimination prefers earlier candidates.
     order = torch.randperm(len(shape.uv), generator=random).to(shape.uv.device)
     parts = [torch.cat([getattr(shape, name)[order], getattr(new, name)]) for name in ("position", "uv", "frame")]
     kept = eliminate(parts[0].cpu(), density.strands, float(face_areas(surface).sum())).to(order.device)
@@ -55,7 +55,8 @@ def _without_strays(
 ) -> Float[Tensor, "new 2"]:
     """Chart places of new roots; one whose strand resembles none of its neighbours' takes the nearest one's place.
 
-    Between texels whose strands differ much, as along a parting, the texture holds strands that no photograph shaped.
+    Between texels with very different strands, as along a parting, the texture interpolates to strands that no
+    photograph has shaped.
     """
     known = model.generator(sample_texture(shape.texture, shape.uv), COMPARED)
     grown = model.generator(sample_texture(shape.texture, uv), COMPARED)
@@ -68,10 +69,10 @@ def _without_strays(
 
 
 def root_surface(shape: ScalpShape) -> Mesh:
-    """Triangles between neighbouring roots: neighbours on the chart (Delaunay) that are also close in space.
+    """Triangulate the roots: neighbours on the chart (Delaunay) that are also close in space.
 
     Raises:
-        InputError: too few roots, or all of them on a line.
+        InputError: there are too few roots, or all are on a line.
     """
     if len(shape.uv) < FEWEST:
         raise InputError(f"density: expected a model of at least {FEWEST} roots, found {len(shape.uv)}; fit again.")
@@ -83,7 +84,7 @@ def root_surface(shape: ScalpShape) -> Mesh:
 
 
 def _between_roots(shape: ScalpShape, surface: Mesh, count: int, random: torch.Generator) -> ScalpShape:
-    """Roots at random places between the present ones, evenly by area."""
+    """Roots at random positions between the present ones, uniform by area."""
     corners, device = surface.corners(), shape.position.device
     cumulative = face_areas(surface).double().cumsum(0)
     drawn, first, second = torch.rand(3, count, generator=random, dtype=torch.float64).to(device)
@@ -101,6 +102,6 @@ def _between_roots(shape: ScalpShape, surface: Mesh, count: int, random: torch.G
 
 
 def _on_body(position: Float[Tensor, "root 3"], model: HairModel) -> Float[Tensor, "root 3"]:
-    """The closest points of the body's surface; the same points where the model has no body."""
+    """The closest points on the body's surface; unchanged if the model has no body."""
     body = model.body.mesh
     return closest_points(position, body).position if len(body.faces) and len(position) else position

@@ -1,8 +1,8 @@
-"""Lists of edits: applied to hair, and kept as JSON.
+"""Lists of edits: applying them to hair, and storing them as JSON.
 
-Edits of the scalp textures come first, whatever their place in the list, because strands are decoded from them; then
-come edits of the strands. Within each group the order of the list holds. So hair that is cut and then made denser is
-denser hair, cut. Wind moves what comes out of all this; of several winds the last one blows.
+Edits of the scalp textures are applied first, whatever their position in the list, because strands are decoded from
+them; edits of the strands follow. Each group is applied in the order of the list. So a cut followed by a change of
+density cuts the denser hair. Wind moves the result; of several winds, the last one counts.
 """
 
 import dataclasses
@@ -38,20 +38,20 @@ OF_TEXTURES: dict[type, Callable[[Any, ScalpShape, HairModel], ScalpShape]] = {
     Transfer: transfer,
     Sample: sample_style,
 }
-"""What carries out the edits of the scalp textures and of their roots."""
+"""Functions that apply edits of the scalp textures and roots."""
 OF_STRANDS: dict[type, Callable[[Any, Strands], Strands]] = {Haircut: cut_hair}
-"""What carries out the edits of strands."""
+"""Functions that apply edits of strands."""
 RISE = 0.3
-"""How fast strands of a new shape leave the skin: height over length."""
+"""Slope at which strands of a new shape leave the skin: height over length."""
 NAME = "edit"
-"""The member of each edit in JSON that says which it is."""
+"""Key in JSON of an edit's name."""
 
 
 def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
     """Apply edits to hair as it was fitted.
 
     Raises:
-        InputError: an edit needs a model and the hair is a groom alone, or its settings do not suit the hair.
+        InputError: an edit needs a model but the hair is only a groom, or its settings do not suit the hair.
     """
     of_textures = [edit for edit in edits if type(edit) in OF_TEXTURES]
     strands = hair.strands
@@ -70,7 +70,7 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
 
 
 def hair_motion(hair: Hair, edits: Sequence[Edit]) -> HairMotion | None:
-    """How hair moves that these edits led to; None where no wind blows."""
+    """The motion of the edited hair; None if no edit is a wind."""
     wind = next((edit for edit in reversed(edits) if isinstance(edit, Wind)), None)
     if wind is None:
         return None
@@ -78,19 +78,19 @@ def hair_motion(hair: Hair, edits: Sequence[Edit]) -> HairMotion | None:
 
 
 def kept_outside(strands: Strands, body: SignedDistanceGrid | None) -> Strands:
-    """Strands of a new shape, led around the head where they would enter it."""
+    """Bend strands of a new shape around the head where they would enter it."""
     rising = (RISE * arc_lengths(strands.points)).clamp(max=CLEARANCE)
     points = follow_outside(strands.points[:, 0], segments(strands.points), body, rising)
     return dataclasses.replace(strands, points=points)
 
 
 def edit_name(edit: Edit) -> str:
-    """The name under which JSON and the command line know an edit."""
+    """The name of an edit in JSON and on the command line."""
     return next(name for name, kind in KINDS.items() if type(edit) is kind)
 
 
 def edits_as_json(edits: Sequence[Edit]) -> list[dict[str, Any]]:
-    """The list as plain values; settings that are not given are left out."""
+    """The list as JSON values; settings that are not set are omitted."""
     documents = []
     for edit in edits:
         settings = {name: value for name, value in dataclasses.asdict(edit).items() if value not in (None, ())}
@@ -99,10 +99,10 @@ def edits_as_json(edits: Sequence[Edit]) -> list[dict[str, Any]]:
 
 
 def edits_from_json(written: JsonValue) -> list[Edit]:
-    """The edits of such a list.
+    """Parse a list that `edits_as_json` made.
 
     Raises:
-        InputError: an edit that does not exist, or a setting of the wrong type or beyond its bounds.
+        InputError: an edit does not exist, or a setting has the wrong type or is out of bounds.
     """
     edits: list[Edit] = []
     for element in written.elements():
@@ -116,7 +116,7 @@ def read_edits(path: Path) -> list[Edit]:
     """Read a list of edits: `edits.json`, or the `edit.json` of an edited result.
 
     Raises:
-        InputError: the file is missing, or holds something else.
+        InputError: the file is missing or has other contents.
     """
     written = read_json(path, "a list of edits")
     check_format(written, FORMAT)

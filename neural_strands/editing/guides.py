@@ -1,4 +1,4 @@
-"""Guides: strands chosen to stand for those around them, and strands that follow them."""
+"""Chooses guides: strands that represent those around them."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -6,11 +6,11 @@ from torch import Tensor
 
 
 def choose_guides(roots: Float[Tensor, "strand 3"], count: int) -> Int64[Tensor, " guide"]:
-    """Indices of strands whose roots are spread evenly: each is the one farthest from all before it.
+    """Indices of strands with evenly spread roots, each the farthest from all previous ones.
 
     Args:
         roots: root of every strand, metres.
-        count: how many guides, at most as many as there are strands.
+        count: number of guides, at most as many as there are strands.
     """
     count = min(count, len(roots))
     chosen = torch.zeros(count, dtype=torch.int64, device=roots.device)

@@ -1,4 +1,4 @@
-"""Wind that comes and goes: how strong it is at a place and a moment, for the quick and the simulated wind."""
+"""Gusts: the strength of the wind at a place and time, for the quick and the simulated wind."""
 
 import math
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from torch import Tensor
 from neural_strands.editing.settings import Wind
 
 RISE = 0.5
-"""Seconds in which the wind rises, and in which it falls."""
+"""Time in which the wind rises, and in which it falls, seconds."""
 SPEED = 0.8
 """Speed at which gusts cross the hair, metres per second."""
 LONGEST_WAVE, SHORTEST_WAVE = 0.5, 0.06
-"""Size of gusts, metres."""
+"""Wavelengths of the largest and the smallest gusts, metres."""
 WAVES = 6
-"""Number of waves that make up the gusts, and as many the swerves."""
+"""Number of waves that make up the gusts; the swerves have as many."""
 SWERVE = 0.25
-"""Sideways force over the force along the wind, where gusts are strongest."""
+"""Ratio of the sideways force to the force along the wind, at the strongest gusts."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Gusts:
         waves: wave vectors, radians per metre.
         speed: angular velocities, radians per second.
         phase: radians.
-        size: amplitudes; their squares add up to one half.
+        size: amplitudes, whose squares add up to one half.
     """
 
     waves: Float[Tensor, "wave 3"]
@@ -39,7 +39,7 @@ class Gusts:
 
     @classmethod
     def drawn(cls, wind: Float[Tensor, "3"], random: torch.Generator) -> "Gusts":
-        """Random waves, most of them along the wind, slow large ones stronger than quick small ones."""
+        """Draw random waves, most of them along the wind; large slow ones are stronger than small fast ones."""
         share = torch.linspace(0, 1, WAVES)
         length = LONGEST_WAVE * (SHORTEST_WAVE / LONGEST_WAVE) ** share
         heading = wind.cpu() + 0.5 * torch.randn(WAVES, 3, generator=random)
@@ -52,38 +52,38 @@ class Gusts:
     def at(
         self, places: Float[Tensor, "place 3"], seconds: Float[Tensor, "place moment"]
     ) -> Float[Tensor, "place moment"]:
-        """Strength of the gusts at places and moments, about between -1 and 1."""
+        """Strength of the gusts at places and times, roughly within [-1, 1]."""
         angle = (places @ self.waves.T + self.phase)[:, None] - seconds[..., None] * self.speed
         return angle.sin() @ self.size
 
 
 def smooth(share: float) -> float:
-    """From 0 at 0 and below to 1 at 1 and above, without a kink."""
+    """Smoothstep: 0 up to 0, 1 from 1, smooth in between."""
     share = min(max(share, 0.0), 1.0)
     return share * share * (3 - 2 * share)
 
 
 def blowing(wind: Wind, seconds: float) -> float:
-    """Share of its strength with which the wind blows at a moment, gusts aside."""
+    """Share of its full strength at which the wind blows at a time, without gusts."""
     falling = smooth(1 - (seconds - wind.seconds) / RISE) if wind.calm else 1.0
     return smooth(seconds / RISE) * falling
 
 
 def sideways(direction: Float[Tensor, "3"]) -> Float[Tensor, "3"]:
-    """The unit direction across the wind in which it swerves."""
+    """The unit direction, perpendicular to the wind, in which it swerves."""
     side = torch.linalg.cross(direction, direction.roll(1) + 0.1)
     return torch.nn.functional.normalize(side, dim=0)
 
 
 class WindField:
-    """Force of the wind over the weight of the hair, at any place and moment."""
+    """Ratio of the wind's force to the weight of the hair, at any place and time."""
 
     def __init__(self, wind: Wind, device: torch.device) -> None:
         """Draw the gusts.
 
         Args:
-            wind: what blows.
-            device: where places will lie.
+            wind: settings of the wind.
+            device: device of the places.
         """
         random = torch.Generator().manual_seed(wind.seed)
         self.wind = wind
@@ -92,22 +92,22 @@ class WindField:
         self.side = sideways(self.direction)
 
     def at(self, places: Float[Tensor, "*batch 3"], seconds: float) -> Float[Tensor, "*batch 3"]:
-        """The force over the weight, a vector along the wind but for swerves."""
+        """The force over the weight: a vector along the wind, except for swerves."""
         flat = places.reshape(-1, 3)
         gust, swerve = self.gust_and_swerve(flat, flat.new_full((len(flat), 1), seconds))
         return (self.force(seconds) * gust * self.towards(swerve)).reshape(places.shape)
 
     def force(self, seconds: float) -> float:
-        """Force over weight at a moment, gusts aside."""
+        """Force over weight at a time, without gusts."""
         return self.wind.strength * blowing(self.wind, seconds)
 
     def gust_and_swerve(
         self, places: Float[Tensor, "place 3"], seconds: Float[Tensor, "place moment"]
     ) -> tuple[Float[Tensor, "place moment"], Float[Tensor, "place moment"]]:
-        """Factor of the force, and the sideways force over the force along the wind, at places and moments."""
+        """Factor on the force, and the ratio of sideways to forward force, at places and times."""
         gust = (1 + self.wind.gusts * self.gusts.at(places, seconds)).clamp(min=0.0)
         return gust, SWERVE * self.wind.gusts * self.swerves.at(places, seconds)
 
     def towards(self, swerve: Float[Tensor, "place 1"]) -> Float[Tensor, "place 3"]:
-        """Unit directions of a wind that swerves."""
+        """Unit directions of the swerving wind."""
         return torch.nn.functional.normalize(self.direction + swerve * self.side, dim=1)

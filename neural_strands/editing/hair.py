@@ -1,4 +1,4 @@
-"""What edits act on: strands, and the scalp texture that a model decodes to strands."""
+"""Hair as edits see it: strands, and the scalp texture that a model decodes to strands."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,11 +17,11 @@ from neural_strands.model.thickness import strand_widths
 from neural_strands.raster.texture import sample_texture
 
 BODY_SPACING = 0.005
-"""Metres between the nodes of the grid of distances to head and body."""
+"""Spacing of the grid of distances to head and body, metres."""
 
 
 class Body:
-    """Head and body, and the distance to them, which is sampled when it is first asked for."""
+    """Head and body, and the distance to them, which is sampled when it is first needed."""
 
     def __init__(self, mesh: Mesh) -> None:
         """Sample nothing yet."""
@@ -29,7 +29,7 @@ class Body:
 
     @cached_property
     def grid(self) -> SignedDistanceGrid | None:
-        """Signed distance; None where there is no surface."""
+        """Signed distance; None if there is no surface."""
         return SignedDistanceGrid.build(self._mesh, BODY_SPACING) if len(self._mesh.faces) else None
 
 
@@ -39,8 +39,8 @@ class Hair:
 
     Attributes:
         strands: world metres.
-        model: the model that decoded the strands and renders them; None for a groom alone.
-        body: what strands must not enter; None for a groom alone.
+        model: the model that decoded the strands and renders them; None if there is only a groom.
+        body: head and body, which strands must not enter; None if there is only a groom.
     """
 
     strands: Strands
@@ -54,17 +54,17 @@ class Hair:
 
     @property
     def body_grid(self) -> SignedDistanceGrid | None:
-        """Signed distance to head and body; None where there are none. Hair that was edited shares it."""
+        """Signed distance to head and body, shared by edited hair; None if there are none."""
         return None if self.body is None else self.body.grid
 
     def modelled(self, edit: str) -> HairModel:
         """The model, for an edit that needs one.
 
         Args:
-            edit: its name, for the message.
+            edit: name of the edit, for the error message.
 
         Raises:
-            InputError: the hair is a groom alone.
+            InputError: the hair is only a groom.
         """
         if self.model is None:
             raise InputError(
@@ -79,7 +79,7 @@ class ScalpShape:
 
     Attributes:
         position: roots, world metres.
-        uv: their place on the scalp chart.
+        uv: their positions on the scalp chart.
         frame: columns tangent, bitangent, normal.
         texture: latents of strands over the scalp chart.
     """
@@ -96,7 +96,7 @@ class ScalpShape:
 
     @torch.no_grad()
     def decode(self, model: HairModel) -> Strands:
-        """Strands in world metres, with the widths that the model draws."""
+        """Decode the strands, in world metres, with the widths that the model draws."""
         local = model.generator(sample_texture(self.texture, self.uv), model.config.points)
         strands = Strands(to_world(local, self.position, self.frame), self.uv, self.frame[:, :, 2])
         return replace(strands, width=strand_widths(model, strands))

@@ -1,7 +1,7 @@
 """A haircut: strands end where they reach a length, a share of their length, or the border of a shape.
 
-What remains of a strand keeps the parameter t and the width of every place on it. The renderer therefore finds the
-appearance that it learned for those places, and a cut end keeps its thickness instead of tapering.
+The remaining part of a strand keeps its parameter t and width at every position. The renderer therefore looks up the
+appearance learned for those positions, and a cut end keeps its thickness instead of tapering.
 """
 
 import math
@@ -25,11 +25,11 @@ from neural_strands.scalp.mesh_file import read_mesh_file
 LOCK = 0.02
 """Size of the locks in which an uneven edge varies, metres."""
 POINTS_AT_ONCE = 2**20
-"""Points whose distance to a mesh is found together; bounds memory."""
+"""Number of points whose distance to a mesh is computed together, to bound memory."""
 
 
 def cut_hair(haircut: Haircut, strands: Strands) -> Strands:
-    """Cut strands; those of which nothing remains are dropped.
+    """Cut strands; those that are cut off completely are dropped.
 
     Raises:
         InputError: no hair would remain, the painted region is empty, or the mesh cannot be read.
@@ -52,7 +52,7 @@ def cut_hair(haircut: Haircut, strands: Strands) -> Strands:
 
 
 def _limit(haircut: Haircut, strands: Strands, arc: Float[Tensor, "strand point"]) -> Float[Tensor, " strand"]:
-    """Length at which each strand ends, metres; infinite where the shape does not cut it."""
+    """Length at which each strand ends, metres; infinite if it is not cut."""
     if haircut.length is not None:
         return arc.new_full((len(strands),), haircut.length)
     if haircut.fraction is not None:
@@ -86,7 +86,7 @@ def arc_lengths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "stran
 def first_crossing(
     outside: Float[Tensor, "strand point"], arc: Float[Tensor, "strand point"]
 ) -> Float[Tensor, " strand"]:
-    """Arc length at which each strand first leaves a shape; infinite where it never does.
+    """Arc length at which each strand first leaves a shape; infinite if it never does.
 
     Args:
         outside: signed distance of every point, positive outside the shape.
@@ -105,15 +105,14 @@ def first_crossing(
 def shortened(
     strands: Strands, kept: Float[Tensor, " strand"], arc: Float[Tensor, "strand point"] | None = None
 ) -> Strands:
-    """Strands that end at a given arc length, with as many points as before.
+    """Shorten strands to a given arc length, keeping the number of points.
 
-    The points move along the polyline, evenly in its own numbering of points; t and width are taken where they come to
-    lie.
+    The points move along the polyline, evenly in its own numbering of points; t and width are interpolated there.
 
     Args:
-        strands: to cut.
-        kept: length that remains, metres; a longer one changes nothing.
-        arc: `arc_lengths` of the strands, if it is known.
+        strands: the strands to shorten.
+        kept: remaining length, metres; larger values change nothing.
+        arc: `arc_lengths` of the strands, if the caller has them already.
     """
     arc = arc_lengths(strands.points) if arc is None else arc
     count = strands.points_per_strand
@@ -121,7 +120,7 @@ def shortened(
     low, high = arc.gather(1, end - 1), arc.gather(1, end)
     last = (end - 1) + ((kept[:, None] - low) / (high - low).clamp(min=1e-12)).clamp(0, 1)
     t, width = strands.parameters(), strands.width
-    # Strands without widths need none; their t stands in.
+    # For strands without widths, pass t in place of the width and ignore the result.
     given = (strands.points, t, t if width is None else width)
     found = [kernels.zeros(each.shape, torch.float32, each.device) for each in given]
     inputs = [
@@ -133,7 +132,7 @@ def shortened(
 
 
 def ragged(roots: Float[Tensor, "strand 3"], seed: int) -> Float[Tensor, " strand"]:
-    """Numbers in [0, 1] by which an edge varies: half of each strand's own, half shared by its lock."""
+    """Random numbers in [0, 1] for an uneven edge: half the mean of one per strand and one per lock."""
     random = torch.Generator().manual_seed(seed)
     waves = torch.nn.functional.normalize(torch.randn(3, 4, generator=random), dim=0) * (2 * math.pi / LOCK)
     phase = 2 * math.pi * torch.rand(4, generator=random)

@@ -1,4 +1,4 @@
-"""Shapes of two runs: mixed, or one run's shape on the other's head."""
+"""Combines the shapes of two runs: mixes them, or puts one run's shape on the other's head."""
 
 import math
 from dataclasses import replace
@@ -21,16 +21,16 @@ from neural_strands.raster.texture import sample_texture
 
 
 def blend(settings: Blend, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """The shape between this one and another run's.
+    """Mix this shape with another run's.
 
     Raises:
-        InputError: the other run cannot be read or has another strand prior, or the painted region holds no root.
+        InputError: the other run cannot be read or has another strand prior, or the painted region has no roots.
     """
     return _mixed(shape, model, settings.other, settings.share, settings.region, "blend")
 
 
 def transfer(settings: Transfer, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """The other run's texture; places of the chart correspond.
+    """Take the other run's texture, at the same chart coordinates.
 
     Raises:
         InputError: the other run cannot be read, or has another strand prior.
@@ -59,17 +59,17 @@ def between(
     theirs: Float[Tensor, "strand latent"],
     share: Float[Tensor, " strand"],
 ) -> Float[Tensor, "strand latent"]:
-    """Latents of strands between two others, whose headings turn about the scalp's normal from one to the other.
+    """Interpolate latents of strands, with headings rotating about the scalp's normal.
 
-    Halfway between latents of strands that head in opposite directions lies one that stands off the scalp. So both are
-    first turned about the normal to head the same way, then mixed, then turned to a heading in between: the shorter way
-    round. A generator that has no inverse mixes latents, as the paper does.
+    Halfway between the latents of strands with opposite headings is a strand that stands off the scalp. So both are
+    first rotated about the normal to the same heading, then mixed, then rotated to the heading in between, the shorter
+    way round. If the generator has no inverse, the latents themselves are mixed, as in the paper.
 
     Args:
-        generator: decodes both.
+        generator: the generator that decodes both.
         ours: latents at share 0.
         theirs: latents at share 1.
-        share: from 0 to 1; at both ends the latents themselves are returned.
+        share: share of `theirs`, from 0 to 1; at both ends the latents are returned unchanged.
     """
     inner = (share > 0) & (share < 1)
     if not isinstance(generator.modulator, CouplingModulator) or not inner.any():
@@ -83,7 +83,7 @@ def between(
 
 
 def turned(raw: Raw, angle: Float[Tensor, " strand"]) -> Raw:
-    """Strands turned about the scalp's normal by an angle, radians."""
+    """Rotate strands about the scalp's normal by an angle, radians."""
     cosine, sine = angle.cos()[:, None], angle.sin()[:, None]
 
     def about_normal(values: Float[Tensor, "strand 3 weight"]) -> Float[Tensor, "strand 3 weight"]:

@@ -1,4 +1,4 @@
-"""Strands from steps, kept out of the head: a step that would lead inside is turned, so lengths stay as they are."""
+"""Builds strands from steps and keeps them out of the head, by rotating steps so that lengths are preserved."""
 
 import torch
 import warp as wp
@@ -10,26 +10,26 @@ from neural_strands.foundation import kernels
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 
 ROUNDS = 8
-"""Times that a step is turned until it ends outside."""
+"""Largest number of rotations of a step until it ends outside."""
 CLEARANCE = 0.001
-"""Height above the skin that strands keep, metres, except where they were lower to begin with."""
+"""Height above the skin that strands keep, metres, unless they were lower to begin with."""
 LED_OUT = 1.0
-"""Seconds of motion after which no point is inside the body."""
+"""Time after which no moving point is inside the body, seconds."""
 
 
 def rest_clearance(
     points: Float[Tensor, "strand point 3"], body: SignedDistanceGrid | None
 ) -> Float[Tensor, "strand point"]:
-    """Height above the body that every point may keep at rest: its own, which a fit may have left below 0."""
+    """Height above the body of every point at rest, at most `CLEARANCE`; negative where the fit left it inside."""
     return points.new_zeros(points.shape[:2]) if body is None else body(points).clamp(max=CLEARANCE)
 
 
 def clearance_at(rest: Float[Tensor, "strand point"], seconds: float) -> Float[Tensor, "strand point"]:
-    """Least height of every point at a moment of motion: points that were inside are led out little by little.
+    """Least height of every point at a time of the motion: points that start inside are lifted out gradually.
 
     Args:
-        rest: `rest_clearance`.
-        seconds: since the hair was at rest.
+        rest: result of `rest_clearance`.
+        seconds: time since the hair was at rest.
     """
     share = min(max(seconds / LED_OUT, 0.0), 1.0)
     return torch.lerp(rest, rest.clamp(min=0.0), share)
@@ -41,12 +41,12 @@ def follow_outside(
     body: SignedDistanceGrid | None,
     clearance: Float[Tensor, "strand point"],
 ) -> Float[Tensor, "strand point 3"]:
-    """Points that follow `steps` from the roots, at least `clearance` above the body.
+    """Follow `steps` from the roots, staying at least `clearance` above the body.
 
     Args:
         roots: world metres.
-        steps: segments of the strands, one after the other.
-        body: signed distance to head and body; None where nothing is in the way.
+        steps: segments of the strands, from the root.
+        body: signed distance to head and body; None for no obstacle.
         clearance: least height of each point, metres; the root's is not used.
     """
     if body is None:
@@ -71,7 +71,7 @@ def follow_outside_reference(
     body: SignedDistanceGrid,
     clearance: Float[Tensor, "strand point"],
 ) -> Float[Tensor, "strand point 3"]:
-    """The twin of `follow_outside` in plain torch."""
+    """`follow_outside` in plain torch, for tests."""
     points = [roots]
     for k in range(steps.shape[1]):
         length = steps[:, k].norm(dim=-1, keepdim=True)

@@ -1,4 +1,4 @@
-"""Painted regions of the scalp chart: which strands an edit reaches, and how much."""
+"""Painted regions of the scalp chart: which strands an edit affects, and how strongly."""
 
 import torch
 from jaxtyping import Float
@@ -9,13 +9,13 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.strands import Strands
 
 HARD = 0.6
-"""Share of a dab's radius within which it counts fully; from there it fades to nothing at the radius."""
+"""Share of a dab's radius within which it has full weight; beyond, it fades to zero at the radius."""
 DABS_AT_ONCE = 64
-"""Dabs that are compared with all strands together; bounds memory."""
+"""Number of dabs compared with all strands together, to bound memory."""
 
 
 def region_weight(uv: Float[Tensor, "root 2"], dabs: Dabs) -> Float[Tensor, " root"]:
-    """How much of an edit each root takes: 1 everywhere without dabs, otherwise that of the strongest dab."""
+    """Weight of an edit at each root: that of the strongest dab, or 1 everywhere without dabs."""
     if not dabs:
         return uv.new_ones(len(uv))
     weight = uv.new_zeros(len(uv))
@@ -28,15 +28,15 @@ def region_weight(uv: Float[Tensor, "root 2"], dabs: Dabs) -> Float[Tensor, " ro
 
 
 def strand_weight(strands: Strands, dabs: Dabs, edit: str) -> Float[Tensor, " strand"]:
-    """The same for strands.
+    """Weight of an edit on each strand.
 
     Args:
         strands: with `root_uv` if there are dabs.
         dabs: the painted region; empty for the whole scalp.
-        edit: name of the edit, for messages.
+        edit: name of the edit, for error messages.
 
     Raises:
-        InputError: strands without `root_uv` where a region is painted, or a region without a strand.
+        InputError: a region is painted, but the strands have no `root_uv` or none is in the region.
     """
     if not dabs:
         return strands.points.new_ones(len(strands))

@@ -1,11 +1,11 @@
-"""Restyling: length, curl, wave and volume, through the quantities of the strand prior that stand for them.
+"""Changes length, curl, wave and volume through the corresponding quantities of the strand prior.
 
 The traversal of the prior finds length, curliness and bend along directions of its latent space. The generator's own
-quantities (`prior.generator.Raw`) are these directions taken apart: length, the amplitude, frequency and phase of the
-curl, and the heading. They are changed here and turned back into latents, so that the result is a texture again.
+quantities (`prior.generator.Raw`) separate them further: length, the amplitude, frequency and phase of the curl, and
+the heading. These are changed here and converted back to latents, so that the result is a texture again.
 
-A helix of radius r and pitch p moves dp/dt by 2 pi r / p strand lengths, on two axes across the strand, a quarter turn
-apart; a wave moves on one axis only. What a curl adds to the length of the curve is taken from its extent.
+A helix of radius r and pitch p adds 2 pi r / p strand lengths to dp/dt, on two axes across the strand, a quarter turn
+apart; a wave adds to one axis only. The length that a curl adds to the curve is taken from its extent.
 """
 
 import math
@@ -28,25 +28,25 @@ from neural_strands.prior.modulator import CouplingModulator
 CURL_PITCH, CURL_SLOPE = 0.045, 1.3
 """Length of a turn of a curl, metres, and 2 pi radius / pitch of a curl of 1."""
 WAVE_PITCH, WAVE_SLOPE = 0.07, 0.8
-"""The same of a wave."""
+"""The same for a wave."""
 LOCK = 0.1
-"""Size of the locks whose curls begin together, in the chart's unit."""
+"""Size of the locks whose curls are in phase, in the chart's unit."""
 RAISED = math.radians(20.0)
-"""By how much a volume of 1 raises the headings of strands, radians."""
+"""Angle by which a volume of 1 raises the headings of strands, radians."""
 FLATTEST = math.radians(150.0)
-"""Largest angle of a heading with the scalp's normal that less volume leads to."""
+"""Largest angle of a heading with the scalp's normal after volume is reduced, radians."""
 TINY = 1e-4
 """Least amplitude of a curl, as a share of the largest."""
 BLOCK = 16384
-"""Texels restyled together; bounds memory."""
+"""Number of texels restyled together, to bound memory."""
 
 
 @torch.no_grad()
 def restyle(style: Restyle, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """The same roots with another texture.
+    """Restyle the texture; the roots stay the same.
 
     Raises:
-        InputError: the painted region holds no root, or the model's generator cannot be inverted.
+        InputError: the painted region has no roots, or the model's generator cannot be inverted.
     """
     check_invertible(model.generator, "restyle")
     if style.region:
@@ -64,7 +64,7 @@ def restyle(style: Restyle, shape: ScalpShape, model: HairModel) -> ScalpShape:
 
 
 def check_invertible(generator: StrandGenerator, edit: str) -> None:
-    """Refuse a generator whose quantities cannot be turned back into latents.
+    """Refuse a generator whose quantities cannot be converted back to latents.
 
     Raises:
         InputError: its modulator is the paper's MLP.
@@ -83,7 +83,7 @@ def texel_centres(rows: int, columns: int) -> Float[Tensor, "texel 2"]:
 
 
 def lock_phases(uv: Float[Tensor, "texel 2"], seed: int) -> Float[Tensor, " texel"]:
-    """Angles, radians, that vary from lock to lock: a sum of waves of random headings over the chart."""
+    """Angles, radians, that vary from lock to lock: a sum of waves in random directions over the chart."""
     random = torch.Generator().manual_seed(seed)
     turn, start = 2 * math.pi * torch.rand(2, 6, generator=random)
     waves = torch.stack([turn.cos(), turn.sin()]) * (2 * math.pi / LOCK) * torch.linspace(0.3, 1.0, 6)
@@ -97,7 +97,7 @@ def _restyled(
     weight: Float[Tensor, " texel"],
     phase: Float[Tensor, " texel"],
 ) -> Float[Tensor, "texel latent"]:
-    """Latents of restyled strands; where the weight is 0, the same latents to rounding."""
+    """Latents of restyled strands; where the weight is 0, unchanged except for rounding."""
     raw = generator.raw(latent)
     length = length_from_raw(raw.length) * style.length**weight
     raw = replace(raw, length=raw_from_length(length), smooth=raised(raw.smooth, weight * style.volume * RAISED))
@@ -117,7 +117,7 @@ def _restyled(
 def raised(
     smooth: Float[Tensor, "strand 3 smooth"], angle: Float[Tensor, " strand"]
 ) -> Float[Tensor, "strand 3 smooth"]:
-    """Headings brought closer to the scalp's normal by an angle, radians.
+    """Rotate headings towards the scalp's normal by an angle, radians.
 
     The radius of the stereographic projection is the tangent of half the angle with the normal (`prior.heading`).
     """
@@ -137,7 +137,7 @@ def _curled(
     phase: Float[Tensor, " strand"],
     flat: bool,
 ) -> Raw:
-    """Strands with a helix, or a flat wave, in place of the curl that they had; where slope is 0, as they were."""
+    """Replace the curl of strands by a helix or a flat wave; where `slope` is 0, they stay unchanged."""
     layer = generator.synthesiser
     low, high = generator.frequency_bounds()
     # The two units of a sideband are a quarter turn apart.

@@ -13,15 +13,15 @@ from neural_strands.prior.modulator import CouplingModulator
 from neural_strands.prior.vae import load_prior
 
 COARSE = 12
-"""Random latents along each side of the chart; between them strands change smoothly."""
+"""Number of random latents along each side of the chart; in between they are interpolated smoothly."""
 
 
 @torch.no_grad()
 def sample_style(sample: Sample, shape: ScalpShape, model: HairModel) -> ScalpShape:
-    """One draw of the prior for the whole scalp, with smooth variation around it, mixed with the hairstyle there is.
+    """Mix the present hairstyle with one sample of the prior for the whole scalp and smooth variation around it.
 
-    The prior knows single strands: what makes a hairstyle of them, such as where hair parts, comes from the run. In the
-    prior's own space fitted strands and drawn ones both have unit deviation, and so has what lies between them.
+    The prior models single strands; the structure of the hairstyle, such as its parting, comes from the run. In the
+    prior's own space, fitted and sampled strands both have unit deviation, and the mixture is scaled to have it too.
 
     Latents of a fit are the output of the prior's modulator (`StrandPrior.without_modulator`), in which samples of
     N(0, I) look less like hair; so latents are drawn before the modulator, and pass through it.
@@ -36,13 +36,13 @@ def sample_style(sample: Sample, shape: ScalpShape, model: HairModel) -> ScalpSh
         )
     random = torch.Generator().manual_seed(sample.seed)
     rows, columns, size = shape.texture.shape
-    # Both parts together have the prior's unit deviation.
+    # The two parts add up to the prior's unit deviation.
     common = torch.randn(size, 1, 1, generator=random) / (1 + sample.variety**2) ** 0.5
     field = torch.randn(1, size, COARSE, COARSE, generator=random) * sample.variety / (1 + sample.variety**2) ** 0.5
     smooth = functional.interpolate(field, size=(rows, columns), mode="bicubic", align_corners=True)[0]
     drawn = (common + smooth).permute(1, 2, 0).reshape(-1, size).to(shape.texture)
     modulator = prior.generator.modulator
-    # The prior of the package has this one.
+    # The package's prior has this modulator.
     assert isinstance(modulator, CouplingModulator)
     without = not len(model.generator.modulator.state_dict())
     fitted = shape.texture.reshape(-1, size)

@@ -1,4 +1,4 @@
-"""The edits, as settings that a command line, a list in JSON and the viewer share; nothing heavy is imported here."""
+"""The settings of edits, shared by the command line, JSON and the viewer; nothing heavy is imported here."""
 
 import math
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ Dab = tuple[float, float, float]
 Dabs = Annotated[tuple[Dab, ...], Between(0, 10_000)]
 """A painted region of the scalp."""
 SHORTEST = 0.001
-"""Length below which nothing remains of a strand, metres."""
+"""A strand that would become shorter than this is removed, metres."""
 MOST_STRANDS = 150_000
 """Largest number of strands that can be grown."""
 WAYS = ("length", "fraction", "plane", "box", "mesh")
-"""The settings that say where a haircut ends strands; it has one of them."""
+"""The settings that determine where a haircut ends strands; exactly one of them is set."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Haircut:
     mesh: str | None = None
     """File of a closed mesh in world metres: what lies outside is cut."""
     uneven: Annotated[float, Between(0.0, 0.1)] = 0.003
-    """By how much strands may be cut shorter than told, metres, so that the edge looks cut by hand."""
+    """Largest additional length that is cut off at random, metres, so that the edge looks cut by hand."""
     region: Dabs = ()
     """Dabs on the scalp chart (u, v, radius); without any, the whole scalp is cut."""
     seed: int = 0
@@ -59,7 +59,7 @@ class Haircut:
 
 @dataclass(frozen=True)
 class Density:
-    """Grow another number of strands from the scalp textures, from evenly spread roots."""
+    """Change the number of strands, which are decoded from the scalp textures at evenly spread roots."""
 
     strands: Annotated[int, Between(1, MOST_STRANDS)]
     """Number of strands, from 1 to 150,000."""
@@ -69,10 +69,10 @@ class Density:
 
 @dataclass(frozen=True)
 class Restyle:
-    """Change length, curl, wave and volume through the quantities of the strand prior that stand for them."""
+    """Change length, curl, wave and volume through the corresponding quantities of the strand prior."""
 
     length: Annotated[float, Between(0.1, 5.0)] = 1.0
-    """Factor of the length of every strand."""
+    """Factor on the length of every strand."""
     curl: Annotated[float, Between(-1.0, 2.0)] = 0.0
     """Helical curls, from 0 (as it is) to 1 (curls of a centimetre) and beyond; -1 straightens."""
     wave: Annotated[float, Between(0.0, 2.0)] = 0.0
@@ -82,7 +82,7 @@ class Restyle:
     region: Dabs = ()
     """Dabs on the scalp chart (u, v, radius); without any, the whole scalp changes."""
     seed: int = 0
-    """Seed of where curls and waves begin."""
+    """Seed of the phases of curls and waves."""
 
     def __post_init__(self) -> None:
         if self.curl > 0 and self.wave > 0:
@@ -111,41 +111,42 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Sample:
-    """Grow a new hairstyle that the strand prior draws; the appearance stays."""
+    """Replace the hairstyle by a new one sampled from the strand prior; the appearance stays."""
 
     likeness: Annotated[float, Between(0.0, 1.0)] = 0.85
-    """How much of the run's own hairstyle is left, from 0 (the prior alone) to 1 (as it is)."""
+    """How much of the run's own hairstyle remains, from 0 (only the sample) to 1 (unchanged)."""
     variety: Annotated[float, Between(0.0, 2.0)] = 0.3
-    """How much strands differ over the scalp, in deviations of the prior."""
+    """How much strands vary over the scalp, in standard deviations of the prior."""
     seed: int = 0
     """Seed of the hairstyle."""
 
 
 @dataclass(frozen=True)
 class Wind:
-    """Let wind move the hair: gusts that travel through it bend strands, the more the farther from the root.
+    """Let wind move the hair: gusts travel through it and bend strands, more so farther from the root.
 
     Strands keep their lengths and stay out of head and shoulders.
     """
 
     direction: tuple[Unit, Unit, Unit] = (1.0, 0.0, 0.0)
-    """Where the wind blows to (x y z; y is up, z out of the face)."""
+    """Direction towards which the wind blows (x y z; y is up, z out of the face)."""
     strength: Annotated[float, Between(0.0, 20.0)] = 1.0
     """Force of the wind over the weight of the hair: 1 lifts the tips of long hair by 45 degrees."""
     gusts: Annotated[float, Between(0.0, 1.0)] = 0.5
-    """How much the wind comes and goes, from 0 (steady) to 1."""
+    """Strength of the gusts, from 0 (steady wind) to 1."""
     seconds: Annotated[float, Between(0.0, 600.0)] = 4.0
-    """Duration; the wind rises during the first half second."""
+    """Duration, seconds; the wind rises during the first half second."""
     calm: Annotated[float, Between(0.0, 60.0)] = 0.0
-    """Seconds without wind at the end, in which hair comes to rest again; the wind falls during the first half."""
+    """Time without wind at the end, seconds, in which the hair comes to rest; the wind falls during its first half
+    second."""
     fps: Annotated[float, Between(1.0, 240.0)] = 24.0
     """Frames per second."""
     seed: int = 0
     """Seed of the gusts."""
     simulate: bool = False
-    """Simulate the hair as elastic rods, which swing and slide over head and shoulders, instead of turning it."""
+    """Simulate the hair as elastic rods, which swing and slide over head and shoulders, instead of the quick wind."""
     guides: Annotated[int, Between(1, 20_000)] = 500
-    """Strands that are simulated; the others follow those around them."""
+    """Number of simulated strands; the others follow those around them."""
 
     def __post_init__(self) -> None:
         if math.hypot(*self.direction) < 1e-6:
@@ -158,7 +159,7 @@ class Wind:
 
 
 Edit = Haircut | Density | Restyle | Blend | Transfer | Sample | Wind
-"""Any edit."""
+"""Union of all edits."""
 KINDS: dict[str, type[Edit]] = {
     "haircut": Haircut,
     "density": Density,

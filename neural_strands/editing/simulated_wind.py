@@ -1,11 +1,11 @@
 """Simulated wind: guides are elastic rods that the wind pushes (`editing.rods`), and the other strands follow them.
 
-The air pushes a rod with the wind's force tau times its weight, as in the quick wind, and slows it. Guides hold their
-lengths and stay outside the body; strands that follow turn with them, keep their own lengths exactly, and are led
-around the body where they would enter it. Hair does not collide with hair.
+The air pushes a rod with tau times its weight, as in the quick wind, and damps it. Guides keep their lengths and stay
+outside the body. The strands that follow them rotate with them, keep their own lengths exactly, and are bent around the
+body where they would enter it. Hair does not collide with hair.
 
-Time is divided into equal steps, counted from the start. A moment is the state after a whole number of them, so it
-does not depend on which moments were asked for before.
+Time is divided into equal steps from the start. A state is always that after a whole number of steps, so it does not
+depend on which times were requested before.
 """
 
 import math
@@ -25,21 +25,21 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import Strands
 
 NODES = 40
-"""Points along a guide."""
+"""Number of points along a guide."""
 STEPS_A_SECOND = 240
-"""Least number of steps of time a second."""
+"""Least number of time steps per second."""
 
 
 class SimulatedHair:
-    """Hair in simulated wind at any moment."""
+    """Hair in simulated wind at any time."""
 
     def __init__(self, wind: Wind, strands: Strands, body: SignedDistanceGrid | None) -> None:
         """Prepare for strands at rest.
 
         Args:
-            wind: what blows.
-            strands: at rest.
-            body: what strands must not enter, if anything.
+            wind: settings of the wind.
+            strands: the strands at rest.
+            body: signed distance to what strands must not enter, if anything.
         """
         points = strands.points
         self.wind, self.body, self.roots = wind, body, points[:, 0]
@@ -54,21 +54,21 @@ class SimulatedHair:
 
     @torch.no_grad()
     def at(self, seconds: float) -> Float[Tensor, "strand point 3"]:
-        """Points at a moment, counted from when the wind begins to rise.
+        """Points at a time since the wind began to rise.
 
-        The simulation goes on from the moment asked for before, or starts anew where that lies later.
+        The simulation continues from the last requested time, or restarts if that was later.
         """
         self._simulate(max(round(seconds / self.seconds_a_step), 0))
         steps = self.followers.turned(segment_turns(self._state, self.rods))
         return follow_outside(self.roots, steps, self.body, clearance_at(self.clearance, seconds))
 
     def guides_at(self, seconds: float) -> Float[Tensor, "guide node 3"]:
-        """Points of the simulated guides at a moment."""
+        """Points of the simulated guides at a time."""
         self._simulate(max(round(seconds / self.seconds_a_step), 0))
         return self._state.points.clone()
 
     def _simulate(self, steps: int) -> None:
-        """Bring the guides to the state after a number of steps."""
+        """Advance (or restart) the guides to the state after a number of steps."""
         if steps < self._steps:
             self._state, self._steps = RodState.at_rest(self.rods), 0
         while self._steps < steps:

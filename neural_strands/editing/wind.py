@@ -1,10 +1,10 @@
 """Quick wind: segments of strands turn towards the wind by small angles (paper, "Applications: Animation").
 
-A hair in steady wind hangs along the sum of its weight and the wind's force, so a direction m turns towards
-m + tau w, where w is the wind's and tau the force over the weight. Here tau grows from nothing at the root, where hair
-is stiff, and varies with gusts: waves that travel with the wind and, later and later, down the strands. Nearby strands
-and moments therefore move alike. All segments of a strand turn about one axis, so that curls keep their shape, and
-lengths stay as they are. Strands are kept out of the head; what a fit left inside it comes out within a second.
+A hair in steady wind hangs along the sum of its weight and the wind's force, so a direction m turns towards m + tau w,
+where w is the wind's and tau the force over the weight. Here tau grows from zero at the root, where hair is stiff, and
+varies with gusts: waves that travel with the wind and, with a delay, down the strands. Motion is therefore similar for
+nearby strands and times. All segments of a strand rotate about one axis, so that curls keep their shape and lengths are
+preserved. Strands are kept out of the head; points that a fit left inside it come out within a second.
 """
 
 import torch
@@ -19,15 +19,15 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.strands import Strands, segments
 
 STIFF = 0.12
-"""Arc length from the root over which hair gives in to the wind, metres."""
+"""Arc length from the root over which hair yields to the wind, metres."""
 DOWN = 0.5
-"""Speed at which a gust runs down a strand, metres per second."""
+"""Speed at which a gust travels down a strand, metres per second."""
 KNOTS = 9
-"""Places along a strand at which gusts are computed; between them they are blended."""
+"""Number of places along a strand at which gusts are computed; in between they are interpolated."""
 
 
 class BlownHair:
-    """Hair in the wind at any moment; what does not change over time is computed once."""
+    """Hair in the wind at any time; everything that is constant over time is computed once."""
 
     def __init__(self, wind: Wind, strands: Strands, body: SignedDistanceGrid | None) -> None:
         """Prepare for strands at rest.
@@ -58,7 +58,7 @@ class BlownHair:
         return follow_outside(self.roots, steps, self.body, clearance_at(self.clearance, seconds))
 
     def _between_knots(self, values: Float[Tensor, "strand knot"]) -> Float[Tensor, "strand segment"]:
-        """Values at every segment of those at knots evenly spaced along the strand."""
+        """Interpolate values at evenly spaced knots to every segment of the strand."""
         place = torch.linspace(0, KNOTS - 1, self.steps.shape[1], device=values.device)
         before = place.long().clamp(max=KNOTS - 2)
         return torch.lerp(values[:, before], values[:, before + 1], place - before)
@@ -70,10 +70,10 @@ def turned(
     towards: Float[Tensor, "strand 3"],
     force: Float[Tensor, "strand segment"],
 ) -> Float[Tensor, "strand segment 3"]:
-    """Turn segments by the angle by which m + tau w lies away from m, about the axis m x w; lengths are kept.
+    """Rotate segments by the angle between m and m + tau w, about the axis m x w; lengths are preserved.
 
     Args:
-        steps: segments.
+        steps: segments of the strands.
         mean: unit direction m of each strand as a whole.
         towards: unit direction w of the wind at each strand.
         force: tau of each segment.

@@ -21,8 +21,8 @@ SCRATCH_BYTES = 64 * 1024**2
 def consistency(predicted: OrientedPoints, truth: OrientedPoints, distance: float, angle: float) -> float:
     """Mean over true strands of the largest share of its points that one predicted strand matches, in [0, 1].
 
-    A predicted strand matches a point when one of its own points lies within `distance` metres and deviates by no
-    more than `angle` radians, unsigned.
+    A predicted strand matches a point if one of its points lies within `distance` metres and its direction (unsigned)
+    within `angle` radians.
     """
     if len(truth) == 0 or len(predicted) == 0:
         return 0.0
@@ -54,7 +54,7 @@ def consistency(predicted: OrientedPoints, truth: OrientedPoints, distance: floa
 
 
 def consistency_reference(predicted: OrientedPoints, truth: OrientedPoints, distance: float, angle: float) -> float:
-    """The twin of `consistency`: every true point against every predicted one."""
+    """`consistency` by brute force, for tests: every true point against every predicted one."""
     if len(truth) == 0 or len(predicted) == 0:
         return 0.0
     shares = []

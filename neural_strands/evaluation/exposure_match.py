@@ -1,4 +1,4 @@
-"""PSNR of hair at the photograph's exposure: what a phone's automatic exposure costs is no fault of the hair's."""
+"""PSNR of hair at the photograph's exposure, so that a phone's automatic exposure does not count as an error."""
 
 from collections.abc import Sequence
 
@@ -13,9 +13,9 @@ from neural_strands.foundation.srgb import to_linear, to_srgb
 NO_HAIR = 0.02
 """Coverage up to which a pixel shows no hair."""
 CLIPPED = 0.98
-"""Encoded value from which a sample may have been clipped and says nothing about exposure."""
+"""Encoded value above which a sample may be clipped and is not used to estimate exposure."""
 FEWEST_PIXELS = 100
-"""Pixels that tell an exposure; with fewer, none is told."""
+"""Fewest pixels from which exposure is estimated; with fewer, the gain is 1."""
 
 
 def matching_gain(
@@ -23,7 +23,7 @@ def matching_gain(
     photograph: Float[Tensor, "height width 3"],
     region: Bool[Tensor, "height width"],
 ) -> Float[Tensor, "3"]:
-    """The gain of each channel of linear light that makes a rendering as bright as a photograph in a region.
+    """Estimate the gain, for each linear channel, that makes a rendering as bright as a photograph in a region.
 
     Args:
         rendered: sRGB in [0, 1].
@@ -39,9 +39,9 @@ def matching_gain(
 
 @torch.no_grad()
 def matched_psnr(view: RenderedView) -> float | None:
-    """PSNR over the hair, dB, after a gain for each channel that makes what is not hair as bright as photographed.
+    """PSNR over the hair, dB, after a gain per channel that matches the brightness of everything that is not hair.
 
-    No pixel that is scored takes part in finding the gain. None for a view without hair, or without a mask.
+    Scored pixels are not used to estimate the gain. None for a view without hair or without a mask.
     """
     region = view.hair_region()
     if view.mask is None or not bool(region.any()):
@@ -52,6 +52,6 @@ def matched_psnr(view: RenderedView) -> float | None:
 
 
 def mean_matched_psnr(views: Sequence[RenderedView]) -> float | None:
-    """Mean over the views that have hair and a mask; None without any."""
+    """Mean over the views that have hair and a mask; None if there are none."""
     found = [value for value in map(matched_psnr, views) if value is not None]
     return sum(found) / len(found) if found else None

@@ -1,7 +1,7 @@
 """FLIP: the difference a person sees when two images alternate on a screen (Andersson et al. 2020).
 
-The authors' own program computes it, for a viewer at the usual distance (67 pixels per degree). Unlike LPIPS it
-resembles no loss of the fit.
+The authors' own program computes it, for a viewer at the usual distance (67 pixels per degree). Unlike LPIPS, it is not
+similar to any loss of the fit.
 """
 
 import flip_evaluator

@@ -29,7 +29,7 @@ class Threshold:
     """What counts as a match.
 
     Attributes:
-        distance: farthest, metres.
+        distance: largest distance, metres.
         angle: largest deviation, radians.
     """
 
@@ -66,7 +66,7 @@ class Agreement:
         return 2 * self.precision * self.recall / total if total > 0 else 0.0
 
     def as_dict(self) -> dict[str, float]:
-        """What `--json` prints, percent."""
+        """The figures that `--json` prints, percent."""
         return {"precision": self.precision, "recall": self.recall, "f_score": self.f_score}
 
 
@@ -110,7 +110,7 @@ class HeadFit:
 def matched_shares(
     queries: OrientedPoints, others: OrientedPoints, thresholds: Sequence[Threshold] = THRESHOLDS
 ) -> tuple[list[float], list[float]]:
-    """Percent of `queries` that `others` match at each threshold: unsigned, then signed (0 for no queries)."""
+    """Percentage of `queries` that `others` match at each threshold: unsigned, then signed (0 without queries)."""
     pairs = [(threshold.distance, threshold.angle) for threshold in thresholds]
     grid = PointGrid.build(others.points, pairs[-1][0])
     levels = match_levels(queries.points, queries.directions, grid, others.directions, pairs)
@@ -124,7 +124,14 @@ def score_geometry(
     thresholds: Sequence[Threshold] = THRESHOLDS,
     with_consistency: bool = True,
 ) -> tuple[GeometryScore, ...]:
-    """Precision, recall, F and strand consistency at each threshold, which must grow from strict to lax."""
+    """Compute precision, recall, F and strand consistency at each threshold.
+
+    Args:
+        predicted: samples of the predicted strands or segments.
+        truth: samples of the true strands.
+        thresholds: what counts as a match, from strict to lax.
+        with_consistency: whether to compute strand consistency, which needs whole strands.
+    """
     precision, signed_precision = matched_shares(predicted, truth, thresholds)
     recall, signed_recall = matched_shares(truth, predicted, thresholds)
     thinned = truth.thinned(CONSISTENCY_EVERY)
@@ -142,10 +149,10 @@ def score_geometry(
 def fit_to_head(
     predicted: OrientedPoints, head: Mesh, scalp_faces: Int64[Tensor, " scalp"] | None = None
 ) -> HeadFit | None:
-    """Position of points and roots relative to a head; roots are measured to the scalp's faces (to all without them).
+    """Position of points and roots relative to a head; roots are compared with the scalp's faces (all faces if None).
 
     Returns:
-        None when there are no points.
+        The fit, or None if there are no points.
     """
     if len(predicted) == 0:
         return None

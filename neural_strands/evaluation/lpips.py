@@ -18,20 +18,21 @@ SCALE = (0.458, 0.448, 0.450)
 TINY = 1e-10
 """Added to the length of a feature vector before the division by it."""
 TRAINING_NETWORK: Network = "squeeze"
-"""The network that fits are trained with."""
+"""The network used as a training loss by fits."""
 SMALLEST_SIDE = 32
-"""Pixels; in smaller images the deepest features would consist of padding."""
+"""Smallest side of an image, pixels; in smaller ones the deepest features would consist of padding."""
 
 
 class Lpips(nn.Module):
     """The metric with its weights, frozen.
 
     Attributes:
-        network: which trunk.
+        network: name of the trunk.
     """
 
     def __init__(self, network: Network, trunk: dict[str, Tensor], heads: Sequence[Tensor]) -> None:
-        """Take a trunk's state dict and the weight of each channel at each tap (see `lpips_weights`)."""
+        """Build the metric from a trunk's state dict and the weight of each channel at each tap (see
+        `lpips_weights`)."""
         super().__init__()
         self.network: Network = network
         self.trunk = build_trunk(network)
@@ -94,7 +95,7 @@ class Lpips(nn.Module):
 
 
 def training_note(network: Network) -> str:
-    """What to say of figures of a network that fits are trained with; empty of the others."""
+    """A caveat for figures of the network that fits are trained with; empty for the others."""
     if network != TRAINING_NETWORK:
         return ""
     return f"LPIPS ({network}) is also a training loss of `neural-strands fit`: it favours what a fit has made."
@@ -103,7 +104,7 @@ def training_note(network: Network) -> str:
 def find_lpips(
     network: Network = "squeeze", device: torch.device | str = "cpu", fetch: bool = True
 ) -> tuple[Lpips | None, str]:
-    """The metric, or None and a sentence that says why.
+    """Find the metric; returns it and an empty string, or None and a sentence with the reason.
 
     Weights come from the folder named by NEURAL_STRANDS_WEIGHTS, from the user's cache, or (with `fetch`) once from
     their official addresses into the cache.

@@ -1,4 +1,4 @@
-"""The convolutional trunks of LPIPS, layers named as in torchvision's published state dicts (`features.*`).
+"""The convolutional trunks of LPIPS, with layers named as in torchvision's published state dicts (`features.*`).
 
 AlexNet (Krizhevsky 2014), VGG-16 (Simonyan and Zisserman 2015), SqueezeNet 1.1 (Iandola et al. 2016).
 """
@@ -40,13 +40,13 @@ class Fire(nn.Module):
         self.expand3x3 = nn.Conv2d(squeezed, expanded, 3, padding=1)
 
     def forward(self, x: Float[Tensor, "batch channel height width"]) -> Float[Tensor, "batch out height width"]:
-        """Return the two expansions, rectified, one after the other."""
+        """Return the two expansions, rectified and concatenated."""
         x = torch.relu(self.squeeze(x))
         return torch.cat([torch.relu(self.expand1x1(x)), torch.relu(self.expand3x3(x))], dim=1)
 
 
 def build_trunk(network: Network) -> nn.Sequential:
-    """Return the layers up to the last tap, weights not yet loaded."""
+    """Return the layers up to the last tap, without loading weights."""
     layers = {"alex": _alexnet, "vgg": _vgg16, "squeeze": _squeezenet}[network]()
     return nn.Sequential(*layers[: LAYOUTS[network].taps[-1] + 1])
 

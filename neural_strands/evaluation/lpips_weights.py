@@ -1,7 +1,7 @@
-"""Finding the published weights of LPIPS: in a folder, in the user's cache, or once from their official addresses.
+"""Finds the published weights of LPIPS: in a folder, in the user's cache, or once at their official addresses.
 
-Nothing but tensors is ever unpickled, and what is fetched is kept only if its sha256 is the published one (the file
-names of torchvision's weights carry its first eight digits).
+Only tensors are unpickled, and downloads are kept only if their sha256 is the published one (the file names of
+torchvision's weights carry its first eight digits).
 """
 
 import hashlib
@@ -23,9 +23,9 @@ FOLDER_VARIABLE = "NEURAL_STRANDS_WEIGHTS"
 """Environment variable that names a folder of weights."""
 ADVICE = "replace it with the published file"
 TIMEOUT = 20.0
-"""Seconds without an answer after which an address counts as unreachable."""
+"""Time without an answer after which an address counts as unreachable, seconds."""
 LARGEST_DOWNLOAD = 2**30
-"""Bytes that are fetched at most, more than the largest of these files has."""
+"""Largest download, bytes; more than the largest of these files."""
 HEADS_ADDRESS = (
     "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
     "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1"
@@ -79,7 +79,7 @@ HEADS: dict[Network, WeightFile] = {
 
 
 def cache_folder() -> Path:
-    """Where fetched weights are kept: the user's cache folder."""
+    """The folder for downloaded weights, in the user's cache."""
     root = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
     return (Path(root) if root else Path.home() / ".cache") / "neural-strands"
 
@@ -88,7 +88,7 @@ def find_file(file: WeightFile, fetch: bool = True) -> Path:
     """The path of a weight file: in the folder of NEURAL_STRANDS_WEIGHTS, in the cache, or fetched into the cache.
 
     Raises:
-        InputError: it is nowhere, and its address does not answer or gives something else.
+        InputError: it is not found, and its address does not answer or returns something else.
     """
     named = os.environ.get(FOLDER_VARIABLE)
     folders = [Path(named)] if named else []

@@ -11,9 +11,9 @@ from neural_strands.geometry.line_segments import LineSegments
 STEP = 5e-4
 """Largest distance between neighbouring samples of a curve, metres."""
 MOST_SAMPLES = 200_000_000
-"""Samples of all curves together: some twenty gigabytes."""
+"""Largest number of samples of all curves together, about twenty gigabytes."""
 ROUNDING = 1e-4
-"""Share of a step by which rounding may lengthen a curve without adding a sample."""
+"""Share of a step by which rounding errors may lengthen a curve without adding a sample."""
 SAME_POINT = 1e-8
 """A vertex this close to the previous one (metres) has no direction and is skipped."""
 
@@ -26,7 +26,7 @@ class OrientedPoints:
         points: positions, metres; the points of one curve are consecutive, from its root.
         directions: unit tangents.
         curve: index of each point's curve, non-decreasing.
-        step_index: the number of each point on its curve, from 0 at the root.
+        step_index: index of each point on its curve, from 0 at the root.
     """
 
     points: Float[Tensor, "point 3"]
@@ -64,13 +64,13 @@ def sample_curves(
     """Sample polylines at equal steps of arc length, `step` metres or slightly less, both ends included.
 
     Args:
-        vertices: the points of all curves, one curve after the other, metres.
+        vertices: points of all curves, concatenated, metres.
         offsets: start of each curve, followed by the total number of points.
         step: largest distance between samples, metres.
         directions: unit direction at each vertex; by default that of the polyline itself.
 
     Returns:
-        The samples; a curve of one vertex, or of no length, gives one sample if `directions` are given, else none.
+        The samples; a curve with one vertex or without length yields one sample if `directions` are given, else none.
 
     Raises:
         ValueError: there would be more than `MOST_SAMPLES` of them.
@@ -117,7 +117,7 @@ def sample_strands(points: Float[Tensor, "strand point 3"], step: float = STEP) 
 
 
 def sample_segments(segments: LineSegments, step: float = STEP) -> OrientedPoints:
-    """Sample line segments along their chains, with the directions that they carry (see `sample_curves`)."""
+    """Sample line segments along their chains, with their stored directions (see `sample_curves`)."""
     sizes = torch.bincount(segments.segment_id, minlength=segments.segment_count)
     offsets = torch.cat([sizes.new_zeros(1), sizes.cumsum(0)])
     return sample_curves(segments.points, offsets, step, segments.directions)

@@ -16,11 +16,11 @@ class Table:
     """Rows of text under a heading.
 
     Attributes:
-        title: what it shows.
-        heads: one per column.
-        rows: cells, as many as heads.
-        note: a sentence below.
-        links: where the first cell of each row leads; empty where nowhere. None at all for a table without links.
+        title: heading of the table.
+        heads: heads of the columns.
+        rows: cells, one per column.
+        note: a sentence below the table.
+        links: target of the first cell of each row, empty for none; an empty tuple for a table without links.
     """
 
     title: str
@@ -35,7 +35,7 @@ class Gallery:
     """Pictures under a heading.
 
     Attributes:
-        title: what they show.
+        title: heading of the pictures.
         pictures: caption and PNG of each.
         columns: pictures per row.
     """
@@ -50,7 +50,7 @@ class Turntable:
     """Moving pictures of a full turn, side by side.
 
     Attributes:
-        title: what turns.
+        title: heading of the moving pictures.
         strips: caption and WebP of each: square frames, evenly spaced over the turn, one below the other.
         frames: number of frames per strip.
         seconds: duration of a turn.

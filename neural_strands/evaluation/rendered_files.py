@@ -1,4 +1,4 @@
-"""Renderings of a capture's views as image files: any renderer's, matched to the views by name."""
+"""Renderings of a capture's views as image files, from any renderer, matched to the views by name."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,12 +22,13 @@ def match_renderings(folder: Path, capture: Capture, indices: Sequence[int]) -> 
     """Find the rendering of each view: the image whose name, without its suffix, is the photograph's.
 
     Args:
-        folder: holds the renderings; other files may lie beside them.
-        capture: its views, all of which need a hair mask.
-        indices: which views are asked for.
+        folder: folder of the renderings, which may contain other files too.
+        capture: the capture; the views need a hair mask.
+        indices: indices of the views.
 
     Raises:
-        InputError: a view has no rendering, several, no hair mask, a name that another view has too, or is too small.
+        InputError: a view has no rendering or several, has no hair mask, shares its name with another view, or is too
+            small.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder of renderings, found {'a file' if folder.exists() else 'none'}.")
@@ -67,16 +68,16 @@ def match_renderings(folder: Path, capture: Capture, indices: Sequence[int]) -> 
 def read_rendered_views(
     paths: Sequence[Path], capture: Capture, indices: Sequence[int], device: torch.device | str = "cpu"
 ) -> Iterator[RenderedView]:
-    """Read each rendering and its photograph when its turn comes.
+    """Read renderings and photographs, one view at a time.
 
     Args:
         paths: a file for each view, as `match_renderings` found them.
         capture: the views.
-        indices: which views.
-        device: where tensors go.
+        indices: indices of the views.
+        device: device of the tensors.
 
     Raises:
-        InputError: a file is no image, or has another size than its view.
+        InputError: a file is not an image, or has another size than its view.
     """
     for path, index in zip(paths, indices, strict=True):
         camera = capture.cameras[index]
@@ -97,10 +98,10 @@ def read_rendered_views(
 
 
 def read_rendering(path: Path) -> tuple[Float[Tensor, "height width 3"], Float[Tensor, "height width"] | None]:
-    """Colours as they are stored, sRGB in [0, 1], and the alpha channel; one that is opaque everywhere says nothing.
+    """Read colours as stored, sRGB in [0, 1], and the alpha channel; None if it is opaque everywhere.
 
     Raises:
-        InputError: the file is missing or no image.
+        InputError: the file is missing or not an image.
     """
     pixels = read_pixels(path)
     colour = pixels[:, :, :3] if pixels.shape[2] > 2 else np.repeat(pixels[:, :, :1], 3, axis=2)

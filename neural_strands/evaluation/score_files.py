@@ -1,4 +1,4 @@
-"""Reading files to score: grooms, true strands of captures, line segments."""
+"""Reads files to score: grooms, true strands of captures, line segments."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,12 +28,12 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
     they are read as polylines).
 
     Raises:
-        InputError: the file cannot be read, is not in metres, or holds nothing with a direction.
+        InputError: the file cannot be read, is not in metres, or contains nothing with a direction.
     """
     if path.is_dir():
         path = path / "ground_truth.npz"
     vertices, sample = _read(path)
-    # In centimetres, sampling would take a hundred times the memory.
+    # Check before sampling, which would take a hundred times the memory for centimetres.
     check_metres(path, vertices)
     try:
         sampled = sample(step)
@@ -45,7 +45,7 @@ def read_oriented_points(path: Path, step: float = STEP) -> OrientedPoints:
 
 
 def _read(path: Path) -> tuple[Float[Tensor, "vertex 3"], Callable[[float], OrientedPoints]]:
-    """The vertices of a file, and what samples its curves at a step."""
+    """The vertices of a file, and a function that samples its curves at a given step."""
     names = array_names(path)
     if "strands" in names:
         points = read_ground_truth(path).points

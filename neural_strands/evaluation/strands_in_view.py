@@ -1,7 +1,7 @@
-"""Strands in a photograph, judged without true strands: by the streaks that it shows, and by where its hair is.
+"""Compares strands with a photograph, without true strands: by its streaks, and by where its hair is.
 
-The orientation of the photograph is that of the line-based stereo (`lmvs.orientation`); the fit does not compare it
-with drawn strands, so it is a judge of its own.
+The orientation of the photograph is that of the line-based stereo (`lmvs.orientation`); the fit never compares it with
+drawn strands, so the figure is independent.
 """
 
 import math
@@ -20,12 +20,12 @@ from neural_strands.model.compositing import area_mean
 from neural_strands.raster.lines import LineBuffer
 
 WITHIN = math.radians(20)
-"""Largest angle between a strand in the picture and the photograph's streaks that counts as right."""
+"""Largest angle between a strand in the picture and the photograph's streaks that counts as correct."""
 
 
 @dataclass(frozen=True)
 class StrandsInView:
-    """How drawn strands agree with one photograph, or the means over several; percent.
+    """Agreement of drawn strands with one photograph, or means over several; percent.
 
     Attributes:
         direction: share of the hair's pixels, each weighted by the confidence of its orientation, in which the drawn
@@ -89,20 +89,20 @@ def drawn_orientation(
     Args:
         lines: drawn strands, at a whole multiple of the camera's resolution.
         points: the strands, world metres.
-        camera: of the picture.
+        camera: camera of the picture.
     """
     drawn = lines.segment >= 0
     segment = lines.segment.clamp(min=0)
     pixels, _ = camera.to(points.device).project(points.reshape(-1, 3))
     start = segment + segment // (points.shape[1] - 1)
     x, y = torch.nn.functional.normalize(pixels[start + 1] - pixels[start], dim=-1).unbind(-1)
-    # An orientation is a direction's double angle, which may be averaged.
+    # Average double angles, because orientations are unsigned.
     double = torch.stack([x * x - y * y, 2 * x * y, torch.ones_like(x)], dim=-1) * drawn[..., None]
     cosine, sine, share = area_mean(double, lines.segment.shape[0] // camera.height).unbind(-1)
     return (0.5 * torch.atan2(sine, cosine)).remainder(math.pi), share
 
 
 def _share(weight: Float[Tensor, "height width"], chosen: Tensor) -> float | None:
-    """Percent of the weight where `chosen` holds."""
+    """Percentage of the weight where `chosen` is true; None without weight."""
     total = float(weight.sum())
     return 100 * float((weight * chosen).sum()) / total if total > 0 else None

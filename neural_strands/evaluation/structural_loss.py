@@ -20,12 +20,12 @@ def structural_loss(
     """Multi-scale structural loss: at each octave 1 - SSIM plus the absolute difference of image gradients, averaged.
 
     SSIM compares local means, contrast and structure; the gradients preserve thin bright and dark strands, which a
-    pixel loss averages. Zero for equal images, about 1 for unrelated ones. Octaves are 2 x 2 means.
+    pixel loss would average out. Zero for equal images, about 1 for unrelated ones. Octaves are 2 x 2 means.
 
     Args:
         image: sRGB in [0, 1].
         reference: sRGB in [0, 1].
-        mask: weight of each pixel, for instance coverage of hair; by default all count.
+        mask: weight of each pixel, for instance coverage of hair; by default all weights are equal.
 
     Raises:
         ValueError: the image is smaller than SSIM's window.

@@ -17,7 +17,7 @@ class Timing:
         median: seconds.
         fastest: seconds; the most reliable figure on a shared machine.
         slowest: seconds.
-        runs: how many were measured.
+        runs: number of measured runs.
         peak_bytes: on CUDA the most memory allocated during the runs; on CPU the peak of the process so far (0 if the
             platform does not report it).
     """
@@ -32,10 +32,10 @@ class Timing:
 def time_function(
     function: Callable[[], object], device: torch.device | str = "cpu", runs: int = 5, warm_up: int = 1
 ) -> Timing:
-    """Call `function` a few times to warm up, then `runs` times with the clock on.
+    """Call `function` `warm_up` times, then time `runs` calls.
 
     Raises:
-        ValueError: fewer than one run.
+        ValueError: `runs` is less than one.
     """
     if runs < 1:
         raise ValueError(f"expected at least one run, found {runs}")
@@ -55,7 +55,7 @@ def time_function(
 
 
 def peak_memory(device: torch.device | str = "cpu") -> int:
-    """Bytes: CUDA's peak since it was reset, or the peak of this process's resident memory (0 if unknown)."""
+    """Peak memory, bytes: CUDA's since it was reset, or this process's resident memory (0 if unknown)."""
     device = torch.device(device)
     if device.type == "cuda":
         return torch.cuda.max_memory_allocated(device)

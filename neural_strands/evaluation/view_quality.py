@@ -1,4 +1,4 @@
-"""Images against photographs, whatever rendered them: hair region (paper, table 2), whole image, alpha map."""
+"""Compares images of any renderer with photographs: hair region (paper, table 2), whole image, alpha map."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, astuple, dataclass
@@ -14,19 +14,19 @@ from neural_strands.evaluation.lpips import Lpips
 from neural_strands.foundation.precision import exact_convolutions
 
 HAIR_COVERAGE = 0.5
-"""Coverage from which a pixel belongs to the hair."""
+"""Coverage above which a pixel belongs to the hair."""
 
 
 @dataclass(frozen=True)
 class RenderedView:
-    """A rendering beside its photograph.
+    """A rendering and its photograph.
 
     Attributes:
-        name: what the capture calls the view.
+        name: the view's name in the capture.
         rendered: sRGB in [0, 1].
         photograph: sRGB in [0, 1].
         mask: coverage of hair in the photograph, if it is known.
-        alpha: the renderer's opacity of the hair, if it tells.
+        alpha: the renderer's opacity of the hair, if known.
     """
 
     name: str
@@ -36,7 +36,7 @@ class RenderedView:
     alpha: Float[Tensor, "height width"] | None = None
 
     def hair_region(self) -> Bool[Tensor, "height width"]:
-        """Pixels of the hair: where the mask says so or, without one, where the renderer shows hair.
+        """Pixels of the hair, according to the mask or, without one, to the alpha map.
 
         Raises:
             ValueError: there is neither a mask nor an alpha map.
@@ -49,13 +49,13 @@ class RenderedView:
 
 @dataclass(frozen=True)
 class ImageQuality:
-    """How alike two images are over some region.
+    """Similarity of two images over a region.
 
     Attributes:
         psnr: dB; infinite for equal images.
         ssim: mean structural similarity.
-        lpips: perceptual distance, which the fit itself lowers; None where its weights are absent.
-        flip: difference that a person sees when the images alternate; no loss looks like it.
+        lpips: perceptual distance, which is also a loss of the fit; None if its weights are not available.
+        flip: difference that a person sees when the images alternate; not similar to any loss.
         sharpness: strength of fine detail relative to the photograph's: below 1 blurred, above 1 speckled.
     """
 
@@ -68,11 +68,11 @@ class ImageQuality:
 
 @dataclass(frozen=True)
 class AlphaQuality:
-    """How well an alpha map agrees with a hair mask, over the whole image.
+    """Agreement of an alpha map with a hair mask, over the whole image.
 
     Attributes:
         mean_absolute_error: in [0, 1].
-        outline_iou: intersection over union of where both are at least one half; 1 where neither shows hair.
+        outline_iou: intersection over union of the pixels with at least one half; 1 if neither shows hair.
     """
 
     mean_absolute_error: float
@@ -81,12 +81,12 @@ class AlphaQuality:
 
 @dataclass(frozen=True)
 class Quality:
-    """All that is measured of a view, or the means over several.
+    """All figures of a view, or means over several.
 
     Attributes:
-        hair: over the hair region; None where there is no hair.
-        image: over the whole image.
-        alpha: of the alpha map; None without one, or without a mask.
+        hair: figures over the hair region; None without hair.
+        image: figures over the whole image.
+        alpha: figures of the alpha map; None without one, or without a mask.
     """
 
     hair: ImageQuality | None
@@ -123,8 +123,8 @@ class ViewQuality:
     """One view.
 
     Attributes:
-        view: what was compared, on the CPU.
-        quality: how alike the images are.
+        view: the compared images, on the CPU.
+        quality: the figures.
     """
 
     view: RenderedView
@@ -170,7 +170,7 @@ def image_quality(
     metric: Lpips | None,
     region: Bool[Tensor, "height width"] | None = None,
 ) -> ImageQuality:
-    """Compare two images over the whole of them or over a region.
+    """Compare two images, over a region or completely.
 
     Raises:
         ValueError: the images are too small for a metric.
@@ -192,7 +192,7 @@ def alpha_quality(alpha: Float[Tensor, "height width"], mask: Float[Tensor, "hei
 
 
 def _means(rows: Sequence[ImageQuality] | Sequence[AlphaQuality]) -> list[Any]:
-    """Mean of each field; None where it is absent."""
+    """Mean of each field; None if any row lacks it."""
     columns = zip(*(astuple(row) for row in rows), strict=True)
     return [None if None in column else sum(column) / len(column) for column in columns]
 

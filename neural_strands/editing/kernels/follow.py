@@ -1,8 +1,7 @@
-"""Warp kernel that turns the segments of strands as their guides turned (see `editing.rods.follow`)."""
+"""Warp kernel that rotates the segments of strands like those of their guides (see `editing.rods.follow`)."""
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

@@ -1,8 +1,7 @@
 """Warp kernel that follows strands from their roots and keeps them out of a body (see `editing.outside`)."""
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -11,7 +10,7 @@ import warp as wp
 from neural_strands.geometry.kernels.voxel_grid import blend, cell_about, nearest_place, slope
 
 STEEPEST = wp.constant(1.75)
-"""Largest change of a blend of distances per metre: that along each axis is one, and the square root of 3 together."""
+"""Largest slope of trilinearly interpolated distances: at most 1 along each axis, so the square root of 3 in total."""
 
 
 @wp.kernel(enable_backward=False)
@@ -27,10 +26,10 @@ def follow_outside(
     rounds: int,
     points: wp.array2d[wp.vec3],
 ) -> None:
-    """Add steps to the first point of each strand; a step that would end inside is turned, not shortened."""
+    """Add steps to the first point of each strand; a step that would end inside is rotated, not shortened."""
     strand = start + wp.tid()
     here = points[strand, 0]
-    # No point is nearer to the body: where that is enough, the grid, which is slow to read, is not asked.
+    # A lower bound of the point's distance: while it is large enough, the slow lookup in the grid is skipped.
     apart = float(-wp.inf)
     for k in range(steps.shape[1]):
         step = steps[strand, k]

@@ -1,8 +1,7 @@
 """Warp kernels of simulated rods: one thread moves one rod by one step (see `editing.rods.step`)."""
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -14,7 +13,7 @@ from neural_strands.geometry.kernels.voxel_grid import blend, cell_about, neares
 @wp.func
 @no_type_check
 def turn_between(first: wp.vec3, second: wp.vec3) -> wp.quat:
-    """The smallest rotation from one unit vector to another; none where they are opposite."""
+    """The smallest rotation from one unit vector to another; the identity if they are opposite."""
     axis = wp.cross(first, second)
     real = 1.0 + wp.dot(first, second)
     if real < 1.0e-6:
@@ -31,7 +30,7 @@ def measure_turns(
     here: wp.array2d[wp.vec3],
     turns: wp.array2d[wp.quat],
 ) -> None:
-    """Rotation of each segment since rest, carried from the root so that the rod does not twist."""
+    """Rotation of each segment relative to rest, transported from the root so that the rod does not twist."""
     rod = start + wp.tid()
     turn = wp.quat(0.0, 0.0, 0.0, 1.0)
     for k in range(length.shape[1]):
@@ -50,7 +49,7 @@ def push_out(
     point: wp.vec3,
     clearance: float,
 ) -> wp.vec3:
-    """The way from a point to where it is `clearance` above the body; zero if it is already."""
+    """Displacement that lifts a point to `clearance` above the body; zero if it is already there."""
     shape = wp.vec3i(values.shape[0], values.shape[1], values.shape[2])
     cell = cell_about(nearest_place((point - origin) / spacing, shape), shape)
     missing = clearance - blend(values, cell)
@@ -69,7 +68,7 @@ def restore_lengths(
     ratio: wp.array2d[float],
     tension: wp.array2d[float],
 ) -> None:
-    """One Newton step on the lengths of all segments together: a tridiagonal system, solved from the root on."""
+    """One Newton step on the lengths of all segments together: a tridiagonal system, solved from the root outwards."""
     count = length.shape[1]
     past = wp.vec3(0.0)
     before = wp.float32(0.0)
@@ -122,7 +121,7 @@ def bend(
     turns: wp.array2d[wp.quat],
     moved: wp.array2d[wp.vec3d],
 ) -> None:
-    """Where inertia, drag, wind, weight and bending lead, lengths aside: an implicit step, whose matrix is factored.
+    """Take an implicit step with inertia, drag, wind, weight and bending, without constraints on lengths.
 
     The matrix is L D L^T with two subdiagonals of L, in double precision, because short hair is stiff; unknowns are
     the displacements from rest of all points but the root.
@@ -135,7 +134,7 @@ def bend(
         force = mass[rod, k] * (rate * (rate + drag) * away + rate * velocity[rod, k] + push[rod, k])
         moved[rod, k] = wp.vec3d(force)
     for k in range(1, count):
-        # The bend of the groom at point k, as the rod carries it, less what it is in the frame of rest.
+        # The groom's bend at point k as transported by the rod, minus the same bend at rest.
         one, two = 1.0 / length[rod, k - 1], 1.0 / length[rod, k]
         groom = two * (rest[rod, k + 1] - rest[rod, k]) - one * (rest[rod, k] - rest[rod, k - 1])
         target = stiffness[rod, k] * (wp.quat_rotate(turns[rod, k - 1], groom) - groom)
@@ -178,10 +177,10 @@ def constrain(
     here: wp.array2d[wp.vec3],
     velocity: wp.array2d[wp.vec3],
 ) -> None:
-    """Lengths and the body: move the points that `bend` led to, then take velocities from where they came from."""
+    """Enforce lengths and the body on the points from `bend`, then derive velocities from the motion."""
     rod = start + wp.tid()
     count = length.shape[1]
-    # The velocity's array keeps the points of before until the end.
+    # The array of velocities stores the previous points until the end.
     for k in range(1, count + 1):
         velocity[rod, k] = here[rod, k]
         here[rod, k] = rest[rod, k] + wp.vec3(moved[rod, k])
@@ -196,7 +195,7 @@ def constrain(
                     slid = point - velocity[rod, k]
                     slid = slid - wp.dot(slid, outward) * outward
                     here[rod, k] = point + way - friction * slid
-    # What is left is small; this pass leaves no stretch and nothing inside.
+    # Remaining errors are small; this pass removes all stretch and all points inside.
     for k in range(count):
         before = here[rod, k]
         target = before + length[rod, k] * wp.normalize(here[rod, k + 1] - before)

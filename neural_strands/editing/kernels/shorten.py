@@ -1,8 +1,7 @@
 """Warp kernels of a haircut (see `editing.haircut`)."""
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -32,7 +31,7 @@ def spread_points(
     new_t: wp.array2d[float],
     new_width: wp.array2d[float],
 ) -> None:
-    """Move the points of a strand so that the last one comes to lie at `last`, counted in points."""
+    """Move the points of a strand so that the last one is at `last`, a fractional index of points."""
     strand = start + wp.tid()
     count = points.shape[1]
     for k in range(count):

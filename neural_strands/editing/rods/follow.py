@@ -1,6 +1,6 @@
-"""Strands that follow guides: every segment turns as the guides around it turn at the same distance from the root.
+"""Strands that follow guides: every segment rotates like the guides around it at the same distance from the root.
 
-Turning keeps the lengths of all segments, and what a strand has of its own: its curls, its bends, its length.
+Rotation preserves the lengths of all segments and the strand's own curls, bends and length.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import segments
 
 GUIDES_EACH = 3
-"""Guides that a strand follows."""
+"""Number of guides that a strand follows."""
 COMPARED = 8
-"""Points by which strands are compared with guides."""
+"""Number of points by which strands are compared with guides."""
 NEAR = 0.002
-"""Metres below which strands count as equally near; keeps weights finite."""
+"""Distance below which strands count as equally near, metres; keeps weights finite."""
 STRANDS_AT_ONCE = 8192
-"""Strands compared with all guides together; bounds memory."""
+"""Number of strands compared with all guides together, to bound memory."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Followers:
 
     @classmethod
     def of(cls, points: Float[Tensor, "strand point 3"], count: int, nodes: int) -> "Followers":
-        """Choose guides and find those of every strand: the nearest ones in place and shape.
+        """Choose guides, and find those of every strand: the nearest ones in position and shape.
 
         Args:
             points: strands at rest, metres.
-            count: how many guides.
-            nodes: points along a guide.
+            count: number of guides.
+            nodes: number of points along a guide.
         """
         chosen = choose_guides(points[:, 0], count)
         arc = arc_lengths(points)
@@ -65,7 +65,7 @@ class Followers:
         ]
         gap = torch.cat([near.values for near in found]) / COMPARED**0.5
         weights = 1 / (gap.square() + NEAR**2)
-        # A guide follows itself alone.
+        # A guide follows only itself.
         weights[chosen, 1:] = 0.0
         return cls(
             chosen,
@@ -77,10 +77,10 @@ class Followers:
         )
 
     def turned(self, turns: Float[Tensor, "guide node 4"]) -> Float[Tensor, "strand segment 3"]:
-        """Segments of all strands after their guides turned.
+        """Segments of all strands after the rotation of their guides.
 
         Args:
-            turns: rotation of every segment of the guides since rest, unit quaternions as x y z w.
+            turns: rotation of every segment of the guides relative to rest, unit quaternions x y z w.
         """
         turned = torch.zeros_like(self.steps)
         inputs = [
@@ -96,7 +96,7 @@ class Followers:
         return turned
 
     def turned_reference(self, turns: Float[Tensor, "guide node 4"]) -> Float[Tensor, "strand segment 3"]:
-        """The twin of `turned` in plain torch."""
+        """`turned` in plain torch, for tests."""
         last = turns.shape[1] - 1
         near = self.guides[:, :, None]
         place = (self.arc[:, None] / self.spacing[self.guides][..., None] - 0.5).clamp(0, last)
@@ -108,7 +108,7 @@ class Followers:
 
 
 def rotated(turn: Float[Tensor, "*batch 4"], vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Vectors turned by unit quaternions, x y z w."""
+    """Rotate vectors by unit quaternions, x y z w."""
     axis, real = turn[..., :3], turn[..., 3:]
     twice = 2 * torch.linalg.cross(axis, vector)
     return vector + real * twice + torch.linalg.cross(axis, twice)

@@ -1,17 +1,17 @@
 """Rods at rest: masses, stiffness, and the factored matrix of an implicit step.
 
-Everything is per unit of mass per length, so that hair of any thickness moves alike. A rod has three energies:
+All quantities are divided by mass per length, so that hair of any thickness moves alike. A rod has three energies:
 
 - **Bending** (discrete elastic rods, Bergou et al. 2008): the change of direction at a point differs from that of the
   groom, which the rod carries along without twisting, as a rod does whose tip is free. So curls stay curls.
-- **Weight.** What a photograph shows already hangs, lies on the head and leans on other hair. The load that holds it
-  is unknown; it is taken to pull every segment along its own direction at rest, with the weight of all that hangs
-  below. Then the groom is in equilibrium without any bending, a strand that hangs straight feels exactly its weight,
-  and a direction m in a wind of force tau over weight turns towards m + tau w, as in the quick wind.
+- **Weight.** The photographed hair already hangs, lies on the head and leans on other hair. The load that holds it is
+  unknown; it is assumed to pull every segment along its own direction at rest, with the weight of everything below it.
+  Then the groom is in equilibrium without any bending, a straight hanging strand feels exactly its weight, and in a
+  wind of force tau over weight a direction m turns towards m + tau w, as in the quick wind.
 - **Length**, which is a constraint and not an energy (`rods.step`).
 
-The first two are quadratic in the points while directions that bending carries along are held fixed over a step, and
-their matrix never changes. It has two subdiagonals and is factored once.
+With the transported directions fixed over a step, the first two energies are quadratic in the points, and their matrix
+never changes. It has two subdiagonals and is factored once.
 """
 
 from dataclasses import dataclass
@@ -23,25 +23,25 @@ from torch import Tensor
 from neural_strands.geometry.strands import segments
 
 GRAVITY = 9.81
-"""Metres per second squared."""
+"""Gravity, metres per second squared."""
 BENDING_LENGTH = 0.05
 """Length over which a hair bends under its own weight, metres: the cube root of stiffness over weight per length.
 
 A fibre of 80 micrometres, 3.9 GPa and 1,300 kg per cubic metre has 0.05.
 """
 DRAG = 6.0
-"""Rate at which the air, and hair that rubs on hair, slow a strand, per second."""
+"""Rate at which air and friction between hairs slow a strand, per second."""
 SHORTEST_SEGMENT = 1e-6
 """Least length of a segment, metres; shorter ones count as this long, so that nothing is divided by zero."""
 
 
 @dataclass(frozen=True)
 class RodConfig:
-    """What rods are made of.
+    """Material of the rods.
 
     Attributes:
         bending: stiffness over mass per length, m^4 / s^2.
-        gravity: what the weight at rest comes from, m / s^2.
+        gravity: acceleration that determines the weight at rest, m / s^2.
         drag: rate at which motion through still air fades, per second.
     """
 
@@ -56,13 +56,13 @@ class Rods:
 
     Attributes:
         rest: points, root first, metres.
-        length: of every segment, metres.
-        mass: of every point, metres (mass over mass per length); the root's counts as infinite.
-        stiffness: of the bend at every point, m^3 / s^2; that of the root holds the first direction.
+        length: length of every segment, metres.
+        mass: mass of every point, metres (mass over mass per length); the root's counts as infinite.
+        stiffness: stiffness of the bend at every point, m^3 / s^2; the root's keeps the first direction.
         diagonal: D at every point but the root, whose entry is not used.
-        first_below: L beside the diagonal.
-        second_below: L two beside the diagonal.
-        config: what they are made of.
+        first_below: first subdiagonal of L.
+        second_below: second subdiagonal of L.
+        config: their material.
         seconds: duration of the step that the factors are for.
     """
 
@@ -78,10 +78,10 @@ class Rods:
 
     @classmethod
     def at_rest(cls, points: Float[Tensor, "rod point 3"], config: RodConfig, seconds: float) -> "Rods":
-        """Rods whose shape at rest is `points`, prepared for steps of a duration.
+        """Build rods with the rest shape `points`, prepared for steps of `seconds`.
 
         Raises:
-            ValueError: fewer than two points.
+            ValueError: there are fewer than two points.
         """
         count = points.shape[1]
         if count < 2:
@@ -121,7 +121,7 @@ def _bands(
     first[:, 1:-1] -= inner * one * (one + two)
     first[:, 2:] -= inner * two * (one + two)
     second[:, 2:] += inner * one * two
-    # The scalp holds the first direction.
+    # The scalp fixes the first direction.
     diagonal[:, 1] += bends[:, 0] / length[:, 0] ** 2
     return diagonal, first, second
 
@@ -129,7 +129,7 @@ def _bands(
 def _factored(
     diagonal: Float64[Tensor, "rod point"], first: Float64[Tensor, "rod point"], second: Float64[Tensor, "rod point"]
 ) -> tuple[Float64[Tensor, "rod point"], Float64[Tensor, "rod point"], Float64[Tensor, "rod point"]]:
-    """L D L^T of the matrix without the root's row and column."""
+    """Factors L D L^T of the matrix without the root's row and column."""
     pivots, below, beyond = diagonal.clone(), torch.zeros_like(first), torch.zeros_like(second)
     for k in range(2, diagonal.shape[1]):
         if k > 2:

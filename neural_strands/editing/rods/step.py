@@ -1,9 +1,9 @@
 """Steps of time for rods: an implicit step with bending and weight, then lengths and the body as constraints.
 
 Lengths are projected as in Goldenthal et al., "Efficient Simulation of Inextensible Cloth" (2007): Newton's method on
-all lengths of a rod together, which is a tridiagonal system. Points inside the body are moved to its surface between
-these steps and rub on it. A last pass from root to tip removes what is left, so that every state that is seen has the
-lengths of rest and nothing inside.
+all lengths of a rod together, which is a tridiagonal system. Between these steps, points inside the body are moved to
+its surface, with friction. A last pass from root to tip removes remaining errors, so that every resulting state has the
+lengths of rest and no point inside.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from neural_strands.foundation import kernels
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 
 ROUNDS = 4
-"""Times that lengths and the body are restored in a step, and that a segment of the last pass is turned."""
+"""Number of times that lengths and the body are enforced per step, and that a segment is rotated in the last pass."""
 FRICTION = 0.1
-"""Share of the way along the body's surface that is taken back each time."""
+"""Share of the motion along the body's surface that is undone each time."""
 
 
 @dataclass(frozen=True)
 class RodState:
-    """Rods at a moment; `advance` writes to it.
+    """State of rods at one time, modified by `advance`.
 
     Attributes:
         points: metres.
@@ -38,7 +38,7 @@ class RodState:
 
     @classmethod
     def at_rest(cls, rods: Rods) -> "RodState":
-        """Rods that have not moved."""
+        """The state of rods that have not moved."""
         return cls(rods.rest.clone(), torch.zeros_like(rods.rest))
 
 
@@ -53,10 +53,10 @@ def advance(
     """Move rods by one step, in place.
 
     Args:
-        state: overwritten.
-        rods: at rest, with the matrix of the step.
+        state: the state to update.
+        rods: the rods at rest, with the factored matrix of the step.
         push: acceleration by the wind, m / s^2.
-        body: what rods must not enter, if anything.
+        body: signed distance to what rods must not enter, if anything.
         clearance: least height of each point above the body, metres; the root's is not used.
     """
     moved = unconstrained(state, rods, push)
@@ -84,7 +84,7 @@ def advance(
 
 @torch.no_grad()
 def unconstrained(state: RodState, rods: Rods, push: Float[Tensor, "rod point 3"]) -> Float64[Tensor, "rod point 3"]:
-    """Displacement from rest to which a step leads when lengths and the body are left aside."""
+    """Displacement from rest after a step without constraints on lengths and the body."""
     moved = torch.zeros_like(rods.rest, dtype=torch.float64)
     inputs = [
         rods.seconds,
@@ -103,7 +103,7 @@ def unconstrained(state: RodState, rods: Rods, push: Float[Tensor, "rod point 3"
 
 
 def segment_turns(state: RodState, rods: Rods) -> Float[Tensor, "rod segment 4"]:
-    """Rotation of every segment since rest, carried from the root without twist, as x y z w."""
+    """Rotation of every segment relative to rest, transported from the root without twist, as x y z w."""
     turns = state.points.new_zeros(*rods.length.shape, 4)
     inputs = [
         kernels.array(rods.rest, wp.vec3),

@@ -1,4 +1,4 @@
-"""Warp kernel of `consistency` (its array types are no Python types, so they are left unchecked)."""
+"""Warp kernel of `consistency` (its array types mean nothing to Python's type checkers)."""
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 
@@ -21,7 +21,7 @@ from neural_strands.geometry.kernels.point_queries import (
 def count_match(strand: int, other: int, point: int, slots: int, scratch: wp.array3d[int]) -> int:
     """Record that strand `other` matches a point; return the number of points it has matched (0 if the table is full).
 
-    A slot holds the other strand plus one, how many points it matched, and the last of them plus one.
+    A slot stores the index of the other strand plus one, how many points it matched, and the last of them plus one.
     """
     slot = other & (slots - 1)
     for _ in range(slots):
