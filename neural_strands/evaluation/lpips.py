@@ -31,8 +31,7 @@ class Lpips(nn.Module):
     """
 
     def __init__(self, network: Network, trunk: dict[str, Tensor], heads: Sequence[Tensor]) -> None:
-        """Build the metric from a trunk's state dict and the weight of each channel at each tap (see
-        `lpips_weights`)."""
+        """Build the metric from a trunk's state dict and the channels' weights at each tap (see `lpips_weights`)."""
         super().__init__()
         self.network: Network = network
         self.trunk = build_trunk(network)

@@ -1,6 +1,6 @@
-"""Images as PNG and WebP: the one place where pixels become bytes.
+"""Encodes images as PNG and WebP, for the whole package.
 
-Images are RGB in every array here; only OpenCV's encoders see another order.
+All arrays here are RGB; they are converted to OpenCV's BGR only for its encoders.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ Picture = (
 
 
 def write_png(path: Path, picture: Picture) -> None:
-    """Write a PNG: whole, or not at all.
+    """Write a PNG atomically.
 
     Raises:
         InputError: `path` does not end in .png, or cannot be written.
@@ -39,12 +39,12 @@ def encode_png(picture: Picture) -> bytes:
 
 
 def encode_webp(picture: Picture, quality: int = 85) -> bytes:
-    """The bytes of a WebP file, with losses; `quality` is from 1 to 100."""
+    """The bytes of a lossy WebP file; `quality` is from 1 to 100."""
     return _encode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])
 
 
 def to_bytes(image: Float[Tensor, "*size"]) -> UInt8[np.ndarray, "*size"]:
-    """Values in [0, 1] as samples of 8 bits, to the nearest; values beyond are clamped."""
+    """Values in [0, 1] as 8-bit samples, rounded to the nearest; values outside are clamped."""
     return image.detach().clamp(0, 1).mul(255).add(0.5).to(torch.uint8).cpu().numpy()
 
 

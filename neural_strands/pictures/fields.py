@@ -1,4 +1,4 @@
-"""What is known at each pixel, in colours: orientation, depth, differences."""
+"""Per-pixel quantities as colours: orientation, depth, differences."""
 
 import cv2
 import matplotlib as mpl
@@ -15,7 +15,7 @@ def orientation_picture(texture: Float[Tensor, "height width 4"]) -> Float[Tenso
     """Orientation as hue (pi makes a full turn), confidence as brightness, with a wheel in the corner as a key.
 
     Args:
-        texture: c cos 2a, c sin 2a, c and brightness, of the orientation a and its confidence c.
+        texture: (c cos 2a, c sin 2a, c, brightness), with a the orientation and c its confidence.
     """
     cosine, sine, confidence, _ = texture.cpu().numpy().transpose(2, 0, 1)
     angle = 0.5 * np.arctan2(sine, cosine)
@@ -37,7 +37,7 @@ def depth_picture(
     """Depth at some pixels, from near (blue) to far (red), on black.
 
     Args:
-        pixel: column and row; where all lie on every second column and row, each stands for its block of four.
+        pixel: columns and rows; if only every second column and row occurs, each pixel fills its 2 x 2 block.
         depth: metres.
         size: height and width of the picture.
     """
@@ -60,11 +60,11 @@ def depth_picture(
 def difference_picture(
     rendered: Float[Tensor, "height width 3"], truth: Float[Tensor, "height width 3"], gain: float = 4.0
 ) -> Float[Tensor, "height width 3"]:
-    """Mean absolute difference over the channels as a heat map, `gain` times."""
+    """Mean absolute difference over the channels, times `gain`, as a heat map."""
     error = (rendered - truth).abs().mean(dim=-1).mul(gain).clamp(0, 1).cpu().numpy()
     return torch.from_numpy(mpl.colormaps["inferno"](error)[..., :3].astype(np.float32))
 
 
 def _in_unit(samples: np.ndarray) -> Float[Tensor, "height width 3"]:
-    """Samples of 8 bits as values in [0, 1]."""
+    """8-bit samples as values in [0, 1]."""
     return torch.from_numpy(samples).float() / 255

@@ -18,12 +18,13 @@ SKIN = (0.80, 0.76, 0.73)
 PAPER = 1.0
 """Brightness behind lines and head."""
 SLACK = 0.01
-"""How far behind the head's surface a segment still shows, as a share of its depth: roots scatter about the surface."""
+"""Depth behind the head's surface up to which a segment is visible, as a share of its depth: roots scatter around the
+surface."""
 BLOCK, LAYER = 8, 0.03
-"""Of a photograph's blocks of 8 x 8 pixels, each shows the segments nearest to the camera, and those at most this share
-of their depth behind the nearest."""
+"""Side of a photograph's blocks, pixels; each block shows the segment nearest to the camera, and those behind it by at
+most this share of their depth."""
 DIMMED = 110
-"""Level, of 255, that white keeps in a photograph below segments."""
+"""Level, of 255, to which white is dimmed in a photograph below segments."""
 
 
 def lines_picture(
@@ -53,7 +54,7 @@ def lines_picture(
 def lines_over_photograph(
     photograph: Float[Tensor, "height width 3"], lines: Float[Tensor, "strand point 3"], camera: Camera, head: Mesh
 ) -> Float[Tensor, "height width 3"]:
-    """Strands, coloured by direction, laid over a photograph that shines through them."""
+    """Strands, coloured by direction, drawn semi-transparently over a photograph."""
     drawn = lines_picture(lines, camera, head)
     covered = rasterise_lines(lines, camera, rasterise_triangles(head.vertices, head.faces, camera).depth).segment >= 0
     return torch.where(covered[..., None], 0.35 * photograph + 0.65 * drawn, photograph)
@@ -64,7 +65,7 @@ def segments_over_photograph(
 ) -> Float[Tensor, "height width 3"]:
     """The segments nearest to the camera and not behind the head, coloured by direction, over a dimmed photograph.
 
-    All are taken to the CPU and drawn there.
+    They are drawn on the CPU.
     """
     segments, camera = segments.to("cpu"), camera.to("cpu")
     samples = (photograph.cpu().numpy() * DIMMED).astype(np.uint8)
@@ -89,7 +90,7 @@ def direction_colour(directions: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*b
 def _visible(
     pixel: Float[Tensor, "point 2"], depth: Float[Tensor, " point"], camera: Camera, head: Mesh | None
 ) -> Bool[Tensor, " point"]:
-    """Points in the image that are nearly the nearest of their block of pixels, and not behind the head."""
+    """Mark points in the image that are about the nearest in their block of pixels, and not behind the head."""
     cell = (pixel / BLOCK).floor().long()
     width, height = camera.width // BLOCK + 1, camera.height // BLOCK + 1
     inside = (cell >= 0).all(-1) & (cell[:, 0] < width) & (cell[:, 1] < height)

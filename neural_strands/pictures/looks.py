@@ -1,7 +1,7 @@
-"""How likely a pixel's look, its colour and its texture, is in a part of the pictures: smoothed histograms.
+"""Densities of a pixel's look (its colour and texture) in parts of pictures, as smoothed histograms.
 
-Colour alone takes skin in shadow for dark hair and fair tips for the wall behind them. Hair has fine streaks that run
-side by side, which skin and most walls have not.
+By colour alone, shadowed skin looks like dark hair, and fair tips like the wall behind them. Hair has fine parallel
+streaks, which skin and most walls lack.
 """
 
 from collections.abc import Sequence
@@ -17,24 +17,24 @@ BINS = 32
 SMOOTHING = 1.2
 """Standard deviation of the smoothing of colours, cells."""
 FLOOR = 0.02
-"""Share of all colours alike that is mixed in: a colour never seen is unlikely, not impossible."""
+"""Weight of a uniform density that is mixed in, so that unseen colours are unlikely but not impossible."""
 
 STRENGTHS, COHERENCES = 16, 4
-"""Cells of a texture: how strong its streaks are, in octaves of half a stop each, and how parallel."""
+"""Numbers of cells for the strength of a texture's streaks (half a stop each) and for how parallel they are."""
 WEAKEST = 2.0**-8
-"""Strength of the weakest cell: slope of the lightness over the lightness, a pixel."""
+"""Strength of the weakest cell: relative slope of the lightness, per pixel."""
 WINDOW = 2.0
-"""Standard deviation of the window in which a texture is judged, pixels."""
+"""Standard deviation of the window over which a texture is measured, pixels."""
 DARKEST = 0.03
-"""Added to the lightness that slopes are compared with, so that noise in black is no texture."""
+"""Added to the lightness by which slopes are divided, so that noise in black areas is not a texture."""
 TEXTURE_FLOOR = 0.05
 TEXTURE_WEIGHT = 0.5
-"""Exponent of a texture's likelihood: neighbouring pixels share a window, and do not speak independently."""
+"""Exponent on a texture's likelihood, below 1 because neighbouring pixels share a window and are not independent."""
 
 
 @dataclass(frozen=True)
 class LookHistogram:
-    """A density over colours and one over textures, taken as independent.
+    """A density over colours and one over textures, assumed to be independent.
 
     Attributes:
         colour: over CIE Lab, quantised; mean 1.
@@ -46,11 +46,11 @@ class LookHistogram:
 
     @classmethod
     def of(cls, cells: Sequence[np.ndarray], weights: Sequence[np.ndarray] | None = None) -> "LookHistogram":
-        """From the cells (`look_cells`) of chosen pixels; each array counts alike, empty ones not at all.
+        """Estimate the densities from the cells (`look_cells`) of chosen pixels.
 
         Args:
-            cells: (pixel, 2), one array a view.
-            weights: of the pixels, in the same arrays; all alike if None.
+            cells: (pixel, 2), one array per view; all non-empty arrays have equal weight.
+            weights: weights of the pixels, in the same arrays; all equal if None.
         """
         colour = _counts([chosen[:, 0] for chosen in cells], weights, BINS**3).reshape(BINS, BINS, BINS)
         texture = _counts([chosen[:, 1] for chosen in cells], weights, STRENGTHS * COHERENCES)
@@ -66,13 +66,13 @@ class LookHistogram:
 
 
 def look_cells(picture: UInt8[np.ndarray, "height width 3"]) -> Int64[np.ndarray, "height width 2"]:
-    """The cells of colour and texture of each pixel of an RGB picture, each as one number."""
+    """Indices of the colour cell and the texture cell of each pixel of an RGB picture."""
     lab = cv2.cvtColor(picture, cv2.COLOR_RGB2LAB).astype(np.float32)
     return np.stack([_colour_cells(lab), _texture_cells(lab[..., 0] / 255.0)], axis=-1)
 
 
 def _colour_cells(lab: np.ndarray) -> np.ndarray:
-    """Lightness spans its range; the two colour axes are stretched threefold about grey, where skin and hair lie."""
+    """Indices of colour cells; the two chroma axes are stretched threefold around grey, where skin and hair are."""
     stretched = lab.copy()
     stretched[..., 1:] = 128.0 + 3.0 * (lab[..., 1:] - 128.0)
     cell = np.clip(stretched * (BINS / 256.0), 0, BINS - 1).astype(np.int64)
@@ -80,7 +80,7 @@ def _colour_cells(lab: np.ndarray) -> np.ndarray:
 
 
 def _texture_cells(lightness: np.ndarray) -> np.ndarray:
-    """Strength and coherence of the structure tensor, the strength relative to the lightness around."""
+    """Indices of texture cells: strength (relative to the local lightness) and coherence of the structure tensor."""
     across, down = (cv2.Scharr(lightness, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1)))
     products = (cv2.multiply(across, across), cv2.multiply(down, down), cv2.multiply(across, down))
     xx, yy, xy, mean = (np.asarray(cv2.GaussianBlur(each, (0, 0), WINDOW)) for each in (*products, lightness))
@@ -92,7 +92,7 @@ def _texture_cells(lightness: np.ndarray) -> np.ndarray:
 
 
 def _counts(cells: Sequence[np.ndarray], weights: Sequence[np.ndarray] | None, size: int) -> np.ndarray:
-    """How often each cell occurs, as a share of its array, summed over the arrays."""
+    """Share of each cell in its array, summed over the arrays."""
     counts = np.zeros(size)
     for number, chosen in enumerate(cells):
         if chosen.size:
@@ -102,7 +102,7 @@ def _counts(cells: Sequence[np.ndarray], weights: Sequence[np.ndarray] | None, s
 
 
 def _density(smooth: np.ndarray, floor: float) -> np.ndarray:
-    """Flat, with mean 1, and a share of all cells alike."""
+    """Flatten and normalise to mean 1, mixed with a uniform density."""
     total = smooth.sum()
     density = smooth.ravel() / total * smooth.size if total > 0 else np.ones(smooth.size)
     return (1.0 - floor) * density + floor

@@ -1,4 +1,4 @@
-"""Plots, drawn by matplotlib without a display: curves, small drawings of strands, scalp charts."""
+"""Plots by matplotlib without a display: curves, small drawings of strands, scalp charts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 DPI = 110
-"""Pixels of a plot for each inch of its figure."""
+"""Resolution of plots, pixels per inch of the figure."""
 COLOURS = ("#222222", "#d1495b", "#2e86ab", "#66a182")
-"""One for each strand drawn in a panel: the true one first."""
+"""Colours of the strands in a panel, the true one first."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A small drawing of strands on top of each other.
+    """A small drawing of several strands on top of each other.
 
     Attributes:
         strands: drawn in the order of `COLOURS`.
-        title: above the panel.
+        title: text above the panel.
     """
 
     strands: Sequence[Float[Tensor, "point 3"]]
@@ -50,7 +50,7 @@ def curves_plot(series: Mapping[str, Sequence[tuple[float, float]]], title: str)
 def panels_plot(
     rows: Sequence[Sequence[Panel]], labels: Sequence[str] = (), legend: str = ""
 ) -> Float[Tensor, "height width 3"]:
-    """Panels as a grid: each strand in the plane in which it is widest, centimetres; one label a row, if any."""
+    """Panels in a grid: strands in the plane in which they are widest, centimetres; one label per row, if any."""
     columns = max(len(row) for row in rows)
     figure = Figure(figsize=(1.9 * columns + 1.0, 1.9 * len(rows) + 0.4), dpi=DPI, layout="constrained")
     grid: Any = figure.subplots(len(rows), columns, squeeze=False)

@@ -1,4 +1,4 @@
-"""Videos as MPEG-4."""
+"""Writes videos as MPEG-4."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,11 +16,11 @@ Frame = UInt8[np.ndarray, "height width 3"]
 
 @contextmanager
 def video_writer(path: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[Frame], None]]:
-    """Yield a function that appends a frame (RGB) to a video; the file is whole, or not there at all.
+    """Yield a function that appends an RGB frame to a video, which is written atomically.
 
     Args:
         path: the file, .mp4.
-        size: width and height of the frames, pixels. The codec asks for even sides: one column or row may be dropped.
+        size: width and height of the frames, pixels. The codec needs even sides, so one column or row may be dropped.
         fps: frames per second.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Edited hair on disk: a folder with the list of edits, the strands they lead to, and where the hair came from.
+"""Edited hair on disk: a folder with the source of the hair, the list of edits, and the resulting strands.
 
     OUT/edit.json     the source (a run, a model or a groom) and the edits, applied in order; edit it and apply it again
     OUT/groom.npz     the edited strands
@@ -43,9 +43,9 @@ class EditedHair:
     """Hair with its edits.
 
     Attributes:
-        source: the run, model or groom it came from.
+        source: the run, model or groom that the hair comes from.
         fitted: the hair without edits.
-        edits: applied in order.
+        edits: the edits, in the order of their application.
         hair: the hair after the edits.
     """
 
@@ -55,7 +55,7 @@ class EditedHair:
     hair: Hair
 
     def edited(self, edits: Sequence[Edit]) -> "EditedHair":
-        """The hair after its own edits and further ones.
+        """Apply further edits after the present ones.
 
         Raises:
             InputError: the edits do not suit the hair.
@@ -64,18 +64,18 @@ class EditedHair:
         return replace(self, edits=together, hair=apply_edits(self.fitted, together))
 
     def renderer(self, purpose: str) -> HairRenderer:
-        """Renders the edited hair, in the light that reaches it now.
+        """Return a renderer of the edited hair, relit for the light that reaches it now.
 
         Args:
-            purpose: what needs it, for the message.
+            purpose: what it is needed for, for the error message.
 
         Raises:
-            InputError: the hair is a groom alone.
+            InputError: the hair is only a groom.
         """
         return HairRenderer.of(self.fitted.modelled(purpose), self.fitted.strands).showing(self.hair.strands)
 
     def motion(self) -> HairMotion | None:
-        """How the hair moves; None where no wind blows."""
+        """The motion of the hair; None without wind."""
         return hair_motion(self.hair, self.edits)
 
 
@@ -99,7 +99,7 @@ def save_edited(folder: Path, edited: EditedHair) -> None:
     """Write edited hair; an existing folder of edited hair is replaced.
 
     Raises:
-        InputError: the folder cannot be written, or holds something else.
+        InputError: the folder cannot be written, or has other contents.
     """
     if folder.exists() and not (folder / EDIT_NAME).is_file() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: expected a new folder or one of edited hair, found something else; name another.")
@@ -127,16 +127,17 @@ def _open_edited(folder: Path, device: torch.device | str) -> EditedHair:
 
 
 def _strands(groom: Groom) -> Strands:
-    """The strands as they are, or resampled where their numbers of points differ."""
+    """The strands unchanged, or resampled if their numbers of points differ."""
     return groom.strands(POINTS if groom.uniform_size is None else None)
 
 
 def marked(hair: Hair, groom: Path) -> Hair:
-    """The hair of a run with what its groom says of each strand: its colour, and how much of it no photograph saw.
+    """Add colours and unseen shares of the strands, which a run's groom stores, to its hair.
 
     Args:
-        hair: as the model decodes it.
-        groom: file of the run's groom; without one of as many strands, the hair stays as it is.
+        hair: the hair as decoded by the model.
+        groom: file of the run's groom; if it is missing or has another number of strands, the hair is returned
+            unchanged.
     """
     if not groom.is_file():
         return hair

@@ -1,4 +1,4 @@
-"""Evaluation of a finished or stopped fit: figures, and the report page."""
+"""Evaluates a finished or stopped fit."""
 
 import copy
 import math
@@ -44,12 +44,12 @@ class Evaluation:
 
     Attributes:
         ours: strands against the ground truth, if there is one.
-        lmvs: segments against the ground truth.
+        lmvs: segments against the ground truth, if there is one.
         head_fit: position of the strands relative to the head.
-        views: held-out views; training views where none was held out.
+        views: held-out views, or training views if none was held out.
         held_out: whether `views` were held out.
-        in_views: how the drawn strands agree with the photographs of `views`, which needs no ground truth.
-        unseen: percent of the strands of which more than half lies where no photograph could see it.
+        in_views: agreement of the drawn strands with the photographs of `views`, which needs no ground truth.
+        unseen: percentage of strands of which more than half was visible in no photograph.
         decode_ms: milliseconds to decode all strands.
         render_ms: milliseconds to render one view of decoded strands.
         lpips_note: why LPIPS is absent, or that this run was trained with it, or empty.
@@ -67,7 +67,7 @@ class Evaluation:
     lpips_note: str
 
     def as_dict(self) -> dict[str, Any]:
-        """What `--json` prints: percent, dB, milliseconds."""
+        """The figures that `--json` prints: percent, dB, milliseconds."""
         means = mean_quality(self.views).as_dict()
         hair = means["hair"] or {"psnr": None, "ssim": None, "lpips": None}
         result: dict[str, Any] = {
@@ -103,11 +103,11 @@ class RunContents:
     """A run, read from disk.
 
     Attributes:
-        folder: where.
+        folder: the run's folder.
         capture: all its views.
         head: mesh and scalp.
         renderer: the model and its strands, decoded once.
-        segments: line segments that the fit used.
+        segments: the line segments that the fit used.
         shown: indices of the views that are evaluated.
         held_out: whether those were held out.
     """
@@ -125,7 +125,7 @@ def open_run(path: Path, device: torch.device) -> RunContents:
     """Read a run.
 
     Raises:
-        InputError: a part is missing or broken, or the capture or its head is not the one that was fitted.
+        InputError: a part is missing or damaged, or the capture or its head is not the one that was fitted.
     """
     folder = RunFolder(path)
     described = read_description(folder)
@@ -196,7 +196,10 @@ def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
 
 
 def _rendered_views(run: RunContents, photographs: Views, in_views: list[StrandsInView]) -> Iterator[RenderedView]:
-    """Each evaluated view as the model renders it, beside its photograph; how its strands agree joins `in_views`."""
+    """Render each evaluated view, and yield it with its photograph.
+
+    Also appends the agreement of its strands with the photograph to `in_views`.
+    """
     renderer = _in_float32(run.renderer)
     for index in run.shown:
         view = photographs[index]
@@ -207,14 +210,14 @@ def _rendered_views(run: RunContents, photographs: Views, in_views: list[Strands
 
 
 def _in_float32(renderer: HairRenderer) -> HairRenderer:
-    """The renderer without half precision: scores of a GPU are comparable with those of a CPU."""
+    """The renderer without half precision, so that scores from GPU and CPU are comparable."""
     model = copy.copy(renderer.model)
     model.config = replace(model.config, mixed_precision=False)
     return replace(renderer, model=model)
 
 
 def _unseen_percent(run: RunContents, photographs: Views) -> float:
-    """Percent of the strands of which the fit's photographs see less than half."""
+    """Percentage of strands of which the fit's photographs show less than half."""
     held_out = set(run.shown) if run.held_out else set()
     used = [camera for index, camera in enumerate(photographs.cameras) if index not in held_out]
     return 100 * float((strands_unseen(run.renderer.strands, used, run.head.mesh) > 0.5).float().mean())

@@ -19,12 +19,12 @@ from neural_strands.runs.edited import EditedHair
 
 @dataclass(frozen=True)
 class ExportConfig:
-    """What an export holds."""
+    """Settings of an export."""
 
     points: Annotated[int, Between(2, 10_000)] | None = None
-    """Points per strand; those of the hair if None."""
+    """Points per strand; None keeps those of the hair."""
     guides: Annotated[int, Between(0, 100_000)] = 500
-    """Guides, where the format holds them; 0 for none."""
+    """Number of guides, if the format stores them; 0 for none."""
 
 
 def export_hair(edited: EditedHair, path: Path, config: ExportConfig, blender: Blender) -> Strands:
@@ -48,7 +48,7 @@ def export_hair(edited: EditedHair, path: Path, config: ExportConfig, blender: B
 
 
 def groom_motion(blown: HairMotion | None) -> Motion | None:
-    """The motion of a groom whose hair is blown."""
+    """Convert the motion of hair in the wind to that of its groom."""
     if blown is None:
         return None
     wind = blown.wind
@@ -56,7 +56,7 @@ def groom_motion(blown: HairMotion | None) -> Motion | None:
 
 
 def coloured(edited: EditedHair) -> Strands:
-    """The strands with a colour each, from the model that renders them; those of a groom alone as they are."""
+    """Give each strand a colour rendered by its model; without a model, the strands are returned unchanged."""
     strands = edited.hair.strands
     if edited.hair.model is None:
         return strands

@@ -31,10 +31,10 @@ class Forecast:
 
     Attributes:
         stereo_seconds: line-based multi-view stereo; 0 when segments are given, None if a trial was not possible.
-        shape_seconds: one step that moves strands by geometry.
-        image_seconds: one step that sees an image.
+        shape_seconds: one step that updates strands by the geometric loss.
+        image_seconds: one step with an image.
         fit_seconds: all steps.
-        memory_bytes: the peak of the trial steps plus that of tracing first strands.
+        memory_bytes: peak of the trial steps plus that of tracing the initial strands.
     """
 
     stereo_seconds: float | None
@@ -73,11 +73,11 @@ def forecast(
         capture: all views.
         head: mesh and scalp.
         prior: strand prior.
-        config: of the fit to come.
-        perceptual: as the fit will use it.
-        device: where the fit will run.
-        segments: those of the fit; None if stereo has to compute them first. Without them, the room that hair takes is
-            unknown, and memory is that of hair as large as the head mesh.
+        config: configuration of the planned fit.
+        perceptual: perceptual distance of the fit, if any.
+        device: device of the fit.
+        segments: those of the fit; None if stereo has to compute them first. Without them, the extent of the hair is
+            unknown, and memory is estimated for hair as large as the head mesh.
         distance: signed distance to the head.
     """
     roots = sample_roots(head.to("cpu"), STAND_IN_POINTS, torch.Generator().manual_seed(config.seed))
@@ -94,7 +94,7 @@ def forecast(
     if config.initialise == "flow":
         reach = head.mesh.vertices.cpu() if segments is None else segments.points.cpu()
         tracing = flow_memory(torch.cat([reach, roots.position]), config.initial.flow)
-    # Before the trial of stereo adds to it.
+    # Measured before the trial of stereo raises the peak.
     memory = peak_memory(device)
     return Forecast(
         stereo_seconds=stereo_seconds(capture, head, config, device) if segments is None else 0.0,

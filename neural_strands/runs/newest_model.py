@@ -1,4 +1,4 @@
-"""The newest state of a run, finished or still being fitted."""
+"""Finds and reads the newest state of a run, finished or still being fitted."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +15,11 @@ from neural_strands.runs.run_folder import RunFolder, read_description, weights_
 
 @dataclass(frozen=True)
 class StateFile:
-    """A file that holds a state of a run.
+    """A file with a state of a run.
 
     Attributes:
         path: the checkpoint, or the weights of the model's folder.
-        written: when, in nanoseconds; it differs between two states.
+        written: time of writing, nanoseconds; different for each state.
     """
 
     path: Path
@@ -40,8 +40,8 @@ def newest_state(folder: RunFolder) -> StateFile | None:
 def load_newest_model(folder: RunFolder, state: StateFile, device: torch.device) -> HairModel:
     """Read the hair model of a state.
 
-    A fit writes its model when it ends or stops. Until then its checkpoint holds the model, except for the weights of
-    the strand prior, which come with the package.
+    A fit writes its model when it ends or stops. Until then its checkpoint contains the model, except for the weights
+    of the strand prior, which are those of the package.
 
     Raises:
         InputError: a file is damaged, or the run uses a strand prior of its own and has not written a model.

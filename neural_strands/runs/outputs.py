@@ -33,7 +33,7 @@ from neural_strands.runs.run_folder import RunFolder
 def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dict[str, str]) -> Strands:
     """Write the model and the groom of a fit, finished or stopped; returns the strands.
 
-    Where no photograph shows hair, the model first takes its appearance from beside.
+    First, hair that no photograph shows takes its appearance from its neighbours.
 
     Raises:
         InputError: the folder cannot be written.
@@ -50,7 +50,7 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
 
 
 def strands_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> Float[Tensor, " strand"]:
-    """Share of each strand that no photograph could see: the cameras that a fit used look from elsewhere."""
+    """Share of each strand that none of the fit's cameras could see."""
     index = MeshIndex(head)
     before = [HeadView.of(camera, index) for camera in cameras]
     return unseen_share(strands.points, before, SignedDistanceIndex(head))
@@ -58,7 +58,7 @@ def strands_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> F
 
 @torch.no_grad()
 def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
-    """Linear RGB of each strand: mean of the pixels that see it; a strand that none sees takes its neighbour's."""
+    """Linear RGB of each strand: mean of the pixels that see it; a strand that no view sees takes its neighbour's."""
     colours, weight = strand_colours(model, strands, data.views)
     known = weight > 0
     if known.any() and not known.all():
@@ -69,7 +69,7 @@ def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Te
 
 
 def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
-    """A training view as the model currently renders it, beside its photograph."""
+    """Write a training view as the model currently renders it, beside its photograph."""
     target = data.views[0]
     output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(target.camera)
     write_png(path, torch.cat([output.rgb, target.image], dim=1))

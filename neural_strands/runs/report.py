@@ -25,14 +25,14 @@ PAPER_ROWS = {
     "paper, long: LMVS": ((26.25, 16.54, 20.30), (75.13, 39.12, 51.45), (93.51, 54.01, 68.47)),
     "paper, long: strands": ((32.59, 14.62, 20.19), (71.40, 42.06, 52.94), (71.40, 62.91, 66.89)),
 }
-"""Precision, recall and F at (1 mm, 10°), (2 mm, 20°), (3 mm, 30°): the paper's table 1, on its own grooms."""
+"""Precision, recall and F at (1 mm, 10°), (2 mm, 20°), (3 mm, 30°) in the paper's table 1, on its own grooms."""
 PAPER_IMAGES = ("paper, real hair", "31.30", "0.9452", "0.0811", *("" for _ in HEADS[3:]))
 PAPER_MILLISECONDS = ("paper (NVIDIA V100)", "34.54", "38.82", "73.36")
 MOST_VIEWS = 4
 TURN_FRAMES, STILL_EVERY = 24, 3
-"""Frames of the turntable, and the step between those that are shown as stills too."""
+"""Number of frames of the turntable, and the step between those that are also shown as stills."""
 TURN_SIDE = 512
-"""Largest side of a rendered frame, pixels: about the scale at which renderers are trained."""
+"""Largest side of a rendered frame, pixels; about the scale at which models are trained."""
 STRIP_SIDE = 288
 """Side of a frame of the moving picture, pixels."""
 
@@ -174,7 +174,7 @@ def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
 
 
 def _shrunk(frame: Float[Tensor, "side side 3"]) -> Float[Tensor, "small small 3"]:
-    """A frame of the moving picture."""
+    """Reduce a frame to the size of the moving picture."""
     small = min(STRIP_SIDE, len(frame))
     planes = torch.nn.functional.interpolate(frame.permute(2, 0, 1)[None], (small, small), mode="area")
     return planes[0].permute(1, 2, 0)

@@ -41,14 +41,15 @@ from neural_strands.runs.run_log import RunLog
 from neural_strands.scalp.head import Head
 
 CACHE_BYTES_FOR_A_GPU = 4 * 2**30
-"""Decoded photographs kept for a fit on a GPU, whose steps take less time than decoding: 200 of 4 megapixels."""
+"""Size of the cache of decoded photographs for a fit on a GPU, whose steps are faster than decoding: 4 GiB, enough for
+200 photographs of 4 megapixels and their masks."""
 CHECKPOINT_SECONDS = 60.0
 PREVIEW_SECONDS = 120.0
 
 
 @dataclass(frozen=True)
 class FitRequest:
-    """What to fit and where to put it.
+    """What to fit, and where to write it.
 
     Attributes:
         capture: folder of the capture.
@@ -74,16 +75,16 @@ class PreparedRun:
     """A run whose request has been checked, before anything is written.
 
     Attributes:
-        folder: where it is kept.
+        folder: the run's folder.
         described: contents of `run.json`, settings included.
         capture: all views.
         head: mesh and scalp chart.
-        distance: signed distance to the head; None for a run to resume, which needs it once only.
+        distance: signed distance to the head; None for a run to resume, which samples it only once.
         prior: strand prior.
         perceptual: perceptual distance.
-        resuming: whether the folder holds this run already.
+        resuming: whether the folder already contains this run.
         device: where to compute.
-        workers: the processes that share it.
+        workers: the processes that share the fit.
     """
 
     folder: RunFolder
@@ -112,13 +113,13 @@ def run_fit(request: FitRequest, config: FitConfig, device: torch.device, feedba
     """Fit a capture into a folder.
 
     Args:
-        request: what and where.
+        request: what to fit, and where.
         config: settings; those of a resumed run must be the same.
         device: where to compute.
         feedback: receives each stage and the progress within it.
 
     Raises:
-        InputError: anything about the input that makes a fit impossible; what was there before stays.
+        InputError: the input makes a fit impossible; existing files stay unchanged.
     """
     workers = Workers.join(device)
     try:
@@ -134,17 +135,17 @@ def run_fit(request: FitRequest, config: FitConfig, device: torch.device, feedba
 def prepare_run(
     request: FitRequest, config: FitConfig, device: torch.device, workers: Workers, feedback: Feedback
 ) -> PreparedRun:
-    """Check a new run or the one to resume, and say what it will cost; nothing is written.
+    """Check a new run or the one to resume, and report its expected cost; nothing is written.
 
     Raises:
-        InputError: the capture, the head or the segments cannot be fitted, or the folder holds another run.
+        InputError: the capture, the head or the segments cannot be fitted, or the folder contains another run.
     """
     folder = RunFolder(request.out)
     large = () if device.type == "cpu" else (CACHE_BYTES_FOR_A_GPU,)
     capture = Capture.load(request.capture, *large)
     head = find_head(capture, request.head)
     resuming = folder.description.is_file()
-    # No process may create the folder before all have checked it.
+    # No process may create the folder before all processes have checked it.
     workers.wait()
     if resuming and not request.resume:
         raise _run_there(request.out)
@@ -183,22 +184,22 @@ def prepare_run(
 
 
 def check_begun(run: PreparedRun) -> None:
-    """Refuse a new run where another process has begun one since this one was prepared.
+    """Refuse a new run if another process has started one in the folder since this one was prepared.
 
     Raises:
-        InputError: the folder holds a run by now.
+        InputError: the folder contains a run by now.
     """
     if run.folder.description.is_file() and not run.resuming:
         raise _run_there(run.folder.path)
 
 
 def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> FitData:
-    """Load or compute the line segments of the training views, keep them in the run, and gather the inputs of steps.
+    """Load or compute the line segments of the training views, store them in the run, and gather all inputs.
 
     Args:
-        run: from `prepare_run`.
+        run: result of `prepare_run`.
         given: file of segments to start a new run from; without one, line-based multi-view stereo computes them.
-            Finished views are kept in the run's folder, so that a stopped run continues.
+            Finished views are stored in the run's folder, so that a stopped run continues.
         feedback: receives stages and progress.
 
     Raises:
@@ -220,26 +221,26 @@ def gather_inputs(run: PreparedRun, given: Path | None, feedback: Feedback) -> F
 
 
 def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
-    """Start from first strands or the checkpoint, take the remaining steps, and write the results.
+    """Start from initial strands or the checkpoint, take the remaining steps, and write the results.
 
-    Stopped at any point, the run keeps a checkpoint and usable results.
+    If it is stopped at any point, the run has a checkpoint and usable results.
 
     Raises:
         InputError: the checkpoint is damaged, the fit diverges, or the disk is full.
     """
     folder, config, leads = run.folder, run.config, run.workers.leads
     resuming = run.resuming and folder.checkpoint.is_file()
-    # Every process must have looked before the first writes a checkpoint.
+    # All processes must have looked for a checkpoint before one writes it.
     run.workers.wait()
     tracing = config.initialise == "flow" and not resuming
     feedback.say(f"{len(data.segments)} segment points{'; tracing first strands' if tracing else ''}")
-    # The checkpoint holds everything but the roots, which are drawn again from the seed.
+    # The checkpoint has everything except the roots, which are drawn again from the seed.
     state = begin(data, run.prior, replace(config, initialise="mean") if resuming else config)
     if resuming:
         load_checkpoint(state, folder.checkpoint)
         feedback.say(f"resuming at step {state.step} of {config.steps}")
     elif leads:
-        # First strands take as long to trace as hundreds of steps.
+        # Save at once: tracing the initial strands takes as long as hundreds of steps.
         save_checkpoint(state, folder.checkpoint)
     run.workers.wait()
     if leads:

@@ -20,9 +20,9 @@ from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 
 FORMAT = 2
-"""Version of `run.json`; 2: the settings of stereo and growth directions are part of it."""
+"""Version of `run.json`. Version 2 includes the settings of stereo and growth directions."""
 LONGEST_PATH = 4096
-"""Letters of the longest path that systems take."""
+"""Longest path that operating systems accept, characters."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class RunFolder:
 
     @property
     def report(self) -> Path:
-        """The page of figures and pictures that `evaluate` writes."""
+        """Folder of the report that `evaluate` writes."""
         return self.path / "report"
 
 
@@ -89,9 +89,10 @@ class RunDescription:
         capture: folder of the capture, absolute.
         head: head file that was given, absolute, or empty.
         fingerprint: digest of the capture's cameras, images and masks, and of the head.
-        config: resolved settings.
-        prior: digest of the strand generator's weights, which no checkpoint holds.
-        folder: the run's own folder, absolute, to find capture and head beside it again. Older runs have none.
+        config: complete settings.
+        prior: digest of the strand generator's weights, which are not part of checkpoints.
+        folder: the run's own folder, absolute, to find capture and head after everything was moved; empty in older
+            runs.
     """
 
     capture: str
@@ -117,7 +118,7 @@ def read_description(folder: RunFolder) -> RunDescription:
     """Read the description of a run.
 
     Raises:
-        InputError: there is no run in the folder, or its description is broken.
+        InputError: there is no run in the folder, or its description is damaged.
     """
     path = folder.description
     if not path.is_file():
@@ -132,22 +133,22 @@ def read_description(folder: RunFolder) -> RunDescription:
 
 
 def found_again(folder: RunFolder, described: RunDescription, path: str) -> Path:
-    """A path of a run's description, as it is now: the same, or else as far from the run as it was.
+    """Find a path of a run's description now: unchanged, or else at the same place relative to the run.
 
     Args:
-        folder: the run, where it is now.
-        described: what `run.json` says.
-        path: its `capture` or `head`.
+        folder: the run's present folder.
+        described: contents of `run.json`.
+        path: `capture` or `head` from the description.
     """
     return place_now(folder.path, described.folder, path)
 
 
 def place_now(folder: Path, before: str, path: str) -> Path:
-    """Where a path is that a folder's description names: the same place, or else as far from the folder as it was.
+    """Find a path of a folder's description now: unchanged, or else at the same place relative to the folder.
 
     Args:
-        folder: the folder, where it is now.
-        before: where the folder was when it was described, absolute; empty where nobody knows.
+        folder: the present folder.
+        before: absolute path of the folder when it was described; empty if unknown.
         path: absolute, as described.
     """
     moved = folder / os.path.relpath(path, before) if before else Path(path)
@@ -158,7 +159,7 @@ def check_same(folder: RunFolder, wanted: RunDescription) -> None:
     """Reject another capture or other settings than those with which the run started.
 
     Raises:
-        InputError: names the first difference.
+        InputError: something differs; the message names the first difference.
     """
     stored = read_description(folder)
     if stored.fingerprint != wanted.fingerprint:

@@ -36,7 +36,7 @@ class RunLog:
         """Write the added steps to disk.
 
         Raises:
-            InputError: the disk is full or cannot be written to.
+            InputError: the file cannot be written.
         """
         lines, self._waiting = self._waiting, []
         try:
@@ -47,9 +47,9 @@ class RunLog:
 
 
 def read_log(path: Path) -> list[dict[str, float]]:
-    """Figures of the steps of a run's log, in its order; none where there is no log.
+    """Read the figures of all steps in a run's log; empty if there is no log.
 
-    A line that a stopped run left unfinished is left out, with a warning.
+    An unfinished line of a stopped run is skipped, with a warning.
 
     Raises:
         InputError: the file cannot be read.

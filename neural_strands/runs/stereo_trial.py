@@ -1,4 +1,4 @@
-"""The expected time of line-based multi-view stereo, from a trial on a few reduced photographs."""
+"""Estimates the time of line-based multi-view stereo from a trial on a few reduced photographs."""
 
 import logging
 import time
@@ -16,11 +16,11 @@ from neural_strands.lmvs.reconstruct import reconstruct
 from neural_strands.scalp.head import Head
 
 TRIAL_VIEWS = 9
-"""A view and the eight neighbours with which it is compared."""
+"""Number of views in the trial: one, and the eight neighbours with which it is compared."""
 TRIAL_SIDE = 96
-"""Longer side of the photographs in the trial, pixels; on smaller ones the part of stereo that does not grow shows."""
+"""Longer side of the photographs in the trial, pixels; on smaller ones, constant costs would dominate."""
 WARM_UP_VIEWS = 3
-"""Views of a first round without the clock, which loads the kernels."""
+"""Number of views in an untimed first round, which loads the kernels."""
 
 
 def stereo_seconds(
@@ -30,19 +30,19 @@ def stereo_seconds(
     device: torch.device,
     clock: Callable[[], float] = time.perf_counter,
 ) -> float | None:
-    """Seconds that stereo over the training views will take on this device.
+    """Estimate the seconds that stereo over the training views will take on this device.
 
-    Reading grows with the number of photographs and all else with their pixels.
+    The time for reading is proportional to the number of photographs, everything else to their pixels.
 
     Args:
         capture: all views.
         head: mesh and scalp.
-        config: of the fit to come.
-        device: where stereo will run.
-        clock: seconds.
+        config: configuration of the planned fit.
+        device: device of the stereo.
+        clock: returns the time, seconds.
 
     Returns:
-        None if reduced photographs show too little hair for a trial.
+        The estimate; None if the reduced photographs show too little hair for a trial.
     """
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     count = min(TRIAL_VIEWS, len(seen))
@@ -55,7 +55,7 @@ def stereo_seconds(
         with _without_warnings("neural_strands.lmvs"):
             for some in (views[:WARM_UP_VIEWS], views):
                 began = clock()
-                # The result on the CPU shows that the device is done.
+                # Copying the result to the CPU waits for the device.
                 reconstruct(Views.in_memory(some), mesh, config.stereo, torch.Generator().manual_seed(config.seed)).to(
                     "cpu"
                 )
