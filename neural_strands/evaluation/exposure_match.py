@@ -30,10 +30,10 @@ def matching_gain(
         photograph: sRGB in [0, 1].
         region: where to compare; pixels that are clipped in either picture are left out.
     """
-    told = region & (torch.maximum(rendered, photograph) < CLIPPED).all(dim=-1)
-    if int(told.sum()) < FEWEST_PIXELS:
+    usable = region & (torch.maximum(rendered, photograph) < CLIPPED).all(dim=-1)
+    if int(usable.sum()) < FEWEST_PIXELS:
         return rendered.new_ones(3)
-    mine, theirs = (to_linear(picture[told]).mean(dim=0) for picture in (rendered, photograph))
+    mine, theirs = (to_linear(picture[usable]).mean(dim=0) for picture in (rendered, photograph))
     return theirs.clamp(min=1e-6) / mine.clamp(min=1e-6)
 
 

@@ -11,7 +11,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.encoding import to_bytes
 from neural_strands.viewer.clay import clay_glb
 from neural_strands.viewer.line_colours import segment_lines, strand_lines
-from neural_strands.viewer.notices import told
+from neural_strands.viewer.notices import reporting
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.scene import Scene
 
@@ -99,7 +99,7 @@ def _draw_cameras(page: Page) -> None:
 
 
 def _jump(page: Page, photograph: int, event: "viser.SceneNodePointerEvent") -> None:
-    with told(event.client, "Reading the photograph"):
+    with reporting(event.client, "Reading the photograph"):
         page.jump(event.client, photograph)
 
 

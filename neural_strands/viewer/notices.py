@@ -19,7 +19,7 @@ SHOWN_SECONDS = 20.0
 
 
 @contextmanager
-def told(client: "viser.ClientHandle | None", doing: str) -> "Iterator[Say]":
+def reporting(client: "viser.ClientHandle | None", doing: str) -> "Iterator[Say]":
     """Show on a browser's page that something is being done, and, where it fails, why.
 
     Args:

@@ -63,7 +63,7 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
             values += [first.width / 2, first.height / 2]
             values += [0.0] * (8 - len(values) if options.camera_model == "OPENCV" else 1)
             options.camera_params = ",".join(f"{value:.4f}" for value in values)
-        with _told():
+        with _reported_errors():
             pycolmap.extract_features(
                 database,
                 images,
@@ -72,7 +72,7 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
                 reader_options=options,
                 device=pycolmap.Device.cpu,
             )
-    with _told():
+    with _reported_errors():
         pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
 
 
@@ -112,7 +112,7 @@ def register(
     if missing:
         more = f" and {len(missing) - 10} more" if len(missing) > 10 else ""
         say(f"Left out, for they do not overlap with the rest: {', '.join(missing[:10])}{more}.")
-    with _told():
+    with _reported_errors():
         best.write(out)
     return _points(best)
 
@@ -153,9 +153,13 @@ def _mapped(
     options.random_seed = 0
     options.min_model_size = FEWEST
     seen = itertools.count(1)
-    with _told():
+    with _reported_errors():
         models = pycolmap.incremental_mapping(
-            database, images, database.parent, options, next_image_callback=lambda: _tell(say, next(seen), total)
+            database,
+            images,
+            database.parent,
+            options,
+            next_image_callback=lambda: _report_progress(say, next(seen), total),
         )
     return list(models.values())
 
@@ -206,14 +210,14 @@ def _points(model: "pycolmap.Reconstruction") -> SparsePoints:
     return SparsePoints(position, np.array([point.color for point in kept], dtype=np.uint8).reshape(-1, 3))
 
 
-def _tell(say: Callable[[str], None], number: int, total: int) -> None:
+def _report_progress(say: Callable[[str], None], number: int, total: int) -> None:
     """Report progress occasionally, because mapping takes minutes."""
     if number % 10 == 0:
         say(f"Placed {number} of {total} photographs.")
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _reported_errors() -> Iterator[None]:
     """Turn COLMAP's errors (a full disk, a picture that changed) into one sentence.
 
     Raises:

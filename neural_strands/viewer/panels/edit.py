@@ -8,7 +8,7 @@ from neural_strands.editing.edit_list import edits_as_json
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import MOST_STRANDS, Dabs, Density, Edit
 from neural_strands.viewer.history import History
-from neural_strands.viewer.notices import told
+from neural_strands.viewer.notices import reporting
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.panels.haircut import HaircutPanel
 from neural_strands.viewer.panels.mix import add_mix_panel, add_sample_panel
@@ -71,14 +71,14 @@ class EditPanel:
         grow.on_click(lambda event: self._do(event, "Growing strands", lambda: Density(int(count.value))))
 
     def _do(self, event: "viser.GuiEvent", doing: str, edit: Callable[[], Edit]) -> None:
-        with told(event.client, doing):
+        with reporting(event.client, doing):
             wanted = edit()
             self._page.edit(lambda history: history.with_edit(wanted))
             self._redraw()
             self.describe()
 
     def _change(self, event: "viser.GuiEvent", change: Callable[[History], History]) -> None:
-        with told(event.client, "Changing the hair"):
+        with reporting(event.client, "Changing the hair"):
             self._page.edit(change)
             self._redraw()
             self.describe()

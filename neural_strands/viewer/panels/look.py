@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from neural_strands.viewer.layers import STRANDS, Layer, hide, layers_of
 from neural_strands.viewer.line_colours import COLOURINGS
-from neural_strands.viewer.notices import told
+from neural_strands.viewer.notices import reporting
 from neural_strands.viewer.page import Page
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def add_look_panel(page: Page) -> Callable[[], None]:
             hide(page.server, layer.name)
             return
         shown.add(layer.name)
-        with told(event.client, f"Drawing: {layer.label.lower()}"):
+        with reporting(event.client, f"Drawing: {layer.label.lower()}"):
             layer.draw(page)
 
     def draw_strands() -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import Views
-from neural_strands.viewer.notices import told
+from neural_strands.viewer.notices import reporting
 from neural_strands.viewer.page import Page
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add_photographs_panel(page: Page, views: Views) -> None:
 
     def jump(event: "viser.GuiEvent") -> None:
         if event.client is not None:
-            with told(event.client, "Reading the photograph"):
+            with reporting(event.client, "Reading the photograph"):
                 page.jump(event.client, names.index(choice.value))
 
     go.on_click(jump)

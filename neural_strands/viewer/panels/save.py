@@ -16,7 +16,7 @@ from neural_strands.pictures.video import video_writer
 from neural_strands.runs.edited import EditedHair
 from neural_strands.runs.export import ExportConfig, export_hair
 from neural_strands.viewer.frames import rendered
-from neural_strands.viewer.notices import Say, told
+from neural_strands.viewer.notices import Say, reporting
 from neural_strands.viewer.page import FrameRequest, Page, picture_of
 from neural_strands.viewer.scene import Scene
 
@@ -36,7 +36,7 @@ def add_save_panel(page: Page) -> None:
     def saving(doing: str, make: "Callable[[viser.ClientHandle, Say], tuple[str, bytes]]") -> Callable:
         def save(event: "viser.GuiEvent") -> None:
             if event.client is not None:
-                with told(event.client, doing) as say:
+                with reporting(event.client, doing) as say:
                     name, content = make(event.client, say)
                     event.client.send_file_download(name, content, save_immediately=True)
 

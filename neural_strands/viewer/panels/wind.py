@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from neural_strands.editing.settings import Edit, Wind
-from neural_strands.viewer.notices import told
+from neural_strands.viewer.notices import reporting
 from neural_strands.viewer.page import Page
 from neural_strands.viewer.wind_player import WindPlayer
 
@@ -56,7 +56,7 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
             if wanted not in page.scene.edits:
                 do(event, "Adding wind", lambda: wanted)
             blows = False
-            with told(event.client, "Starting the wind"):
+            with reporting(event.client, "Starting the wind"):
                 player.play()
                 blows = True
             if not blows:
