@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate
+from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
@@ -25,6 +26,8 @@ START = 0.2
 """Initial colour of body and background, linear: mid grey."""
 REACH = 6
 """Distance from the strands, in pixels, up to which the network may add hair."""
+CONTEXT = 14
+"""Pixels beyond the farthest that may show hair which the image generator also sees."""
 
 
 @dataclass(frozen=True)
@@ -226,6 +229,29 @@ def near_hair(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height 
     near = F.max_pool2d(near, (1, wide), stride=1, padding=(0, 2 * REACH))
     near = F.avg_pool2d(near, (narrow, 1), stride=1, padding=(REACH, 0), count_include_pad=False)
     return F.avg_pool2d(near, (1, narrow), stride=1, padding=(0, REACH), count_include_pad=False)[0, 0]
+
+
+def hair_rectangle(coverage: Float[Tensor, "height width"], stride: int) -> Rectangle:
+    """The rectangle that holds all pixels in which `near_hair` allows hair, and `CONTEXT` more on each side.
+
+    Args:
+        coverage: of each pixel by strands.
+        stride: the corner is a multiple of this many pixels, and so is each side that does not end at the border.
+    """
+    height, width = coverage.shape
+    margin = 3 * REACH + CONTEXT
+
+    def extent(covered: Bool[Tensor, " pixel"], length: int) -> tuple[int, int]:
+        place = covered.nonzero()
+        if len(place) == 0:
+            return 0, min(stride, length)
+        begin, end = max(int(place[0]) - margin, 0), min(int(place[-1]) + 1 + margin, length)
+        begin = begin // stride * stride
+        return begin, min(begin + -(-(end - begin) // stride) * stride, length) - begin
+
+    covered = coverage.detach() > 0
+    (left, across), (top, down) = extent(covered.any(dim=0), width), extent(covered.any(dim=1), height)
+    return Rectangle(left, top, across, down)
 
 
 def compose(

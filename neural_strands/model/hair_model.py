@@ -18,6 +18,7 @@ from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import (
     Background,
@@ -26,6 +27,7 @@ from neural_strands.model.compositing import (
     SurroundWeights,
     area_mean,
     compose,
+    hair_rectangle,
     near_hair,
     weighted_gradient,
 )
@@ -239,10 +241,8 @@ class HairModel(nn.Module):
         drawing = self.draw(strands, camera)
         body = self.body(camera, drawing.body, None if light is None else light.skin)
         maps = self.splat_descriptors(strands, drawing.lines, camera, turn, blur, volume, light)
-        raw = self.generate(maps, camera, turn)
-        coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
-        start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
-        alpha = torch.sigmoid(raw[..., 3] + start) * near_hair(coverage.detach())
+        hair, alpha = self._hair(maps, camera, turn).split([3, 1], dim=2)
+        alpha = alpha[..., 0]
         share = area_mean(body.coverage[..., None], factor)
         skin, background = area_mean(body.colour, factor), self.background(camera)
         if teaches is None:
@@ -252,8 +252,8 @@ class HairModel(nn.Module):
             skin = weighted_gradient(skin, teaches.body)
             background = weighted_gradient(background, teaches.background)
         behind = skin + (1 - share) * background
-        hair = to_linear(raw[..., :3])
         rgb = to_srgb(compose(hair, alpha, behind))
+        coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
         return RenderOutput(rgb, alpha, hair, behind, coverage, drawing.lines)
 
     def splat_descriptors(
@@ -293,6 +293,23 @@ class HairModel(nn.Module):
         descriptor = torch.cat([descriptor, linear], dim=1)
         size = (camera.height, camera.width)
         return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
+
+    def _hair(
+        self, maps: list[SplatMap], camera: Camera, turn: Float[Tensor, "3 3"] | None
+    ) -> Float[Tensor, "height width 4"]:
+        """Linear colour and opacity of the hair."""
+        height, width = maps[0].coverage.shape
+        part = Rectangle(0, 0, width, height)
+        if maps[0].coverage.device.type == "cpu":
+            # Only what hair can reach; on a GPU the host would have to wait for the size of that rectangle.
+            part = hair_rectangle(maps[0].coverage, self.config.unet.stride)
+            maps = [level_map.cropped(part.reduced(2**level)) for level, level_map in enumerate(maps)]
+            camera = camera.cropped(part.left, part.top, part.width, part.height)
+        raw = self.generate(maps, camera, turn)
+        coverage = maps[0].coverage / self.config.supersample**2
+        start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
+        alpha = torch.sigmoid(raw[..., 3] + start) * near_hair(coverage.detach())
+        return part.padded(torch.cat([to_linear(raw[..., :3]), alpha[..., None]], dim=2), height, width)
 
     def generate(
         self, maps: list[SplatMap], camera: Camera, turn: Float[Tensor, "3 3"] | None = None

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation import kernels
+from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.raster.kernels import splats as splat_kernels
 from neural_strands.raster.reference import splat_reference
 
@@ -33,6 +34,10 @@ class SplatMap(NamedTuple):
 
     features: Float[Tensor, "channel height width"]
     coverage: Float[Tensor, "height width"]
+
+    def cropped(self, part: Rectangle) -> "SplatMap":
+        """A part of the map."""
+        return SplatMap(part.of(self.features.permute(1, 2, 0)).permute(2, 0, 1), part.of(self.coverage))
 
 
 def splat(

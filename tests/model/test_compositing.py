@@ -4,7 +4,16 @@ import torch
 
 from neural_strands.geometry.cameras import Camera, pinhole
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.model.compositing import REACH, Background, Body, SkinChange, SurroundConfig, near_hair
+from neural_strands.model.compositing import (
+    CONTEXT,
+    REACH,
+    Background,
+    Body,
+    SkinChange,
+    SurroundConfig,
+    hair_rectangle,
+    near_hair,
+)
 
 
 def test_the_centre_is_the_present_one_with_and_without_inference_mode():
@@ -28,6 +37,24 @@ def test_hair_is_near_its_strands_alone():
     assert (near[apart > 3 * REACH] == 0).all()
     between = near[(apart > REACH + 1) & (apart < 3 * REACH)]
     assert ((between > 0) & (between < 1)).all()
+
+
+def test_the_rectangle_of_hair_holds_all_that_hair_can_reach():
+    random = torch.Generator().manual_seed(0)
+    for size in ((90, 70), (300, 210), (5, 3), (1, 1)):
+        for _ in range(5):
+            coverage = torch.zeros(size)
+            coverage[tuple(int(torch.randint(side, (1,), generator=random)) for side in size)] = 0.1
+            part = hair_rectangle(coverage, 4)
+            place = near_hair(coverage).nonzero()
+            for axis, (begin, length) in enumerate(((part.top, part.height), (part.left, part.width))):
+                first, last, side = int(place[:, axis].min()), int(place[:, axis].max()), size[axis]
+                assert begin % 4 == 0
+                assert begin + length == side or length % 4 == 0
+                assert max(first - CONTEXT - 4, -1) < begin <= max(first - CONTEXT, 0)
+                assert min(last + CONTEXT + 1, side) <= begin + length <= min(last + CONTEXT + 10, side)
+    nothing = hair_rectangle(torch.zeros(30, 2), 4)
+    assert (nothing.width, nothing.height) == (2, 4)
 
 
 def wall(corner_uv=None):

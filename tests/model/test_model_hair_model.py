@@ -11,8 +11,10 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.compositing import START, SurroundConfig, SurroundWeights, near_hair
+from neural_strands.model import hair_model
+from neural_strands.model.compositing import START, SurroundConfig, SurroundWeights, hair_rectangle, near_hair
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
     BACKGROUND_THROUGH,
@@ -95,6 +97,21 @@ def test_any_image_size(size, supersample):
     for image in (output.rgb, output.alpha, output.hair_rgb, output.behind_rgb):
         assert image.isfinite().all()
     assert 0 <= output.alpha.min() <= output.alpha.max() <= 1
+
+
+def test_pixels_far_from_hair_need_not_be_computed(monkeypatch):
+    # Hair in one corner of a large view, with and without the rest of the image generator's input.
+    hair = model()
+    camera = view((256, 192)).cropped(40, 50, 256, 192)
+    near = hair.render(stubble(hair), camera)
+    seen: list[Rectangle] = []
+    whole = Rectangle(0, 0, 256, 192)
+    monkeypatch.setattr(hair_model, "hair_rectangle", lambda *given: seen.append(hair_rectangle(*given)) or whole)
+    complete = hair.render(stubble(hair), camera)
+    assert seen[0].width * seen[0].height < 0.6 * 256 * 192
+    assert complete.alpha.max() > 0.2
+    torch.testing.assert_close(near.alpha, complete.alpha, atol=1e-4, rtol=0)
+    torch.testing.assert_close(near.rgb, complete.rgb, atol=1e-4, rtol=0)
 
 
 def test_opacity_starts_from_coverage():
