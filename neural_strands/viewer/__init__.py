@@ -1,1 +1,1 @@
-"""A page in the browser that shows, edits and saves hair; no maths of its own."""
+"""A page in the browser that shows, edits and saves hair; it contains no maths."""

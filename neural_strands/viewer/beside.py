@@ -1,4 +1,4 @@
-"""A page that shows a run while this process fits it: in a process of its own, so that the fit computes as without."""
+"""A page that shows a run while this process fits it; it has its own process, so that it does not affect the fit."""
 
 import subprocess
 import sys
@@ -10,12 +10,12 @@ from neural_strands.viewer.server import check_installed
 
 STANDARD_ERROR = 2
 PATIENCE = 10.0
-"""Seconds that the process may take to end by itself."""
+"""Time that the process may take to end by itself, seconds."""
 
 
 @contextmanager
 def page_beside(run: Path) -> Iterator[None]:
-    """Show a run, which may have yet to begin, until the block ends; the page's address goes to standard error.
+    """Show a run, which need not have started yet, until the block ends; the page's address goes to standard error.
 
     Raises:
         InputError: viser is not installed.
@@ -30,6 +30,6 @@ def page_beside(run: Path) -> Iterator[None]:
         try:
             process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
-            # The page only reads the run, so nothing is lost.
+            # Killing it loses nothing, because the page only reads the run.
             process.kill()
             process.wait()

@@ -1,4 +1,4 @@
-"""Between a browser's camera and ours; the view that a page starts with."""
+"""Converts between a browser's camera and ours, and chooses the view that a page starts with."""
 
 import math
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from neural_strands.geometry.turntable import turntable_cameras
 FIELD_OF_VIEW = math.radians(25.0)
 """Vertical field of view of the page's first view, radians."""
 RAISED = 0.4
-"""How far above the middle the hair starts in a narrow window, whose lower half the panel covers; 0.5 is the border."""
+"""Height of the hair above the middle of a narrow window, whose lower half the panel covers; 0.5 is the border."""
 NEAREST = 0.1
-"""Least distance of the point that the page turns around, metres."""
+"""Least distance of the point that the camera orbits, metres."""
 SAME_TURN, SAME_PLACE = math.radians(1.0), 2e-3
-"""How far two cameras may differ and still be the same, radians and metres: browsers compute in single precision."""
+"""Tolerances, radians and metres, for cameras to be considered the same: browsers compute in single precision."""
 
 
 @dataclass(frozen=True)
 class PageCamera:
-    """A camera as a browser describes it: its image fills the canvas, the optical axis in the middle.
+    """A browser's camera: its image fills the canvas, with the optical axis in the middle.
 
     Attributes:
         wxyz: rotation from camera to world, OpenCV axes, as a quaternion.
@@ -47,7 +47,7 @@ class PageCamera:
         return Camera(pinhole(focal, (width, height)), rigid_inverse(pose), width, height)
 
     def stands_at(self, pose: "Pose") -> bool:
-        """Whether this camera stands at a pose and looks the same way, whatever its image."""
+        """Whether this camera has the position and direction of a pose, regardless of its image."""
         aim = torch.tensor(pose.look_at) - torch.tensor(pose.position)
         forward = quaternion_to_matrix(torch.tensor(self.wxyz, dtype=torch.float32))[:, 2]
         turn = float(forward @ torch.nn.functional.normalize(aim, dim=0))
@@ -56,11 +56,11 @@ class PageCamera:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a camera stands and what it looks at.
+    """Position and target of a camera.
 
     Attributes:
         position: optical centre, world metres.
-        look_at: a point on the optical axis, world metres: the page turns around it.
+        look_at: point on the optical axis that the camera orbits, world metres.
         up: direction that is up in the image.
         field_of_view: vertical, radians.
     """
@@ -72,11 +72,11 @@ class Pose:
 
 
 def start_pose(points: Float[Tensor, "point 3"], aspect: float = 1.0) -> Pose:
-    """The face in front (+z), all of the points in the image; one metre away where there are none.
+    """A pose in front of the face (+z) with all points in the image; one metre away if there are none.
 
     Args:
         points: world metres.
-        aspect: width of the canvas over its height: in a narrow window the camera stands farther away, and lower.
+        aspect: width of the canvas over its height; in a narrow window the camera is farther away and lower.
     """
     finite = points[points.isfinite().all(dim=1)]
     if len(finite) == 0:
@@ -84,7 +84,7 @@ def start_pose(points: Float[Tensor, "point 3"], aspect: float = 1.0) -> Pose:
     camera = turntable_cameras(finite[None], 1, (512, 512))[0]
     centre, narrow = 0.5 * (finite.amin(dim=0) + finite.amax(dim=0)), min(aspect, 1.0)
     eye = centre + (camera.position - centre) / narrow
-    # The points take at most the share `narrow` of the image's height.
+    # The points fill at most the share `narrow` of the image's height.
     height = 2 * math.tan(0.5 * FIELD_OF_VIEW) * float((eye - centre).norm())
     drop = centre.new_tensor([0.0, RAISED * (1 - narrow) * height, 0.0])
     eye, centre = eye - drop, centre - drop
@@ -92,12 +92,12 @@ def start_pose(points: Float[Tensor, "point 3"], aspect: float = 1.0) -> Pose:
 
 
 def photograph_pose(camera: Camera, aspect: float, centre: Float[Tensor, "3"]) -> Pose:
-    """Where the page's camera has to stand so that a canvas holds all of a photograph.
+    """A pose at which the canvas shows all of a photograph.
 
     Args:
-        camera: that took the photograph.
+        camera: camera of the photograph.
         aspect: width of the canvas over its height.
-        centre: of the hair; the point to turn around is the one on the optical axis nearest to it.
+        centre: centre of the hair; the camera orbits the point on the optical axis nearest to it.
     """
     (fx, _, cx), (_, fy, cy) = camera.intrinsics[:2].tolist()
     tall = max(cy, camera.height - cy) / fy

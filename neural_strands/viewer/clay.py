@@ -1,7 +1,7 @@
-"""Meshes as clay: shading is painted onto the vertices, so that a browser draws them without lights.
+"""Clay-like meshes: shading is baked into the vertices, so that a browser draws them without lights.
 
-Without a graphics card, a browser takes some ten processor seconds to compile the material that viser lights meshes
-with, and the page stands still meanwhile. An unlit one (KHR_materials_unlit) takes less than one.
+Without a graphics card, a browser takes about ten seconds to compile viser's lit material, and the page freezes
+meanwhile. An unlit one (KHR_materials_unlit) takes less than a second.
 """
 
 from typing import Any
@@ -17,14 +17,14 @@ from neural_strands.pictures.encoding import to_bytes
 TOWARDS_LIGHT = (0.35, 0.55, 0.76)
 """Unit direction of the light: above the viewer's right shoulder, when the face is in front."""
 LIGHT, SKY, AMBIENT = 0.6, 0.25, 0.15
-"""Light from there, from above, and from all around, as shares of all light."""
+"""Shares of the light from that direction, from above, and from all around."""
 
 
 def clay_glb(mesh: Mesh, colour: tuple[int, int, int]) -> bytes:
-    """A binary glTF file of a mesh of one colour.
+    """A binary glTF file of a mesh in one colour.
 
     Args:
-        mesh: with outward normals.
+        mesh: the mesh, with faces oriented outwards.
         colour: sRGB, 0 to 255.
     """
     import trimesh
@@ -37,7 +37,7 @@ def clay_glb(mesh: Mesh, colour: tuple[int, int, int]) -> bytes:
 
 
 def _shades(mesh: Mesh, colour: tuple[int, int, int]) -> UInt8[np.ndarray, "vertex 3"]:
-    """Linear colours, as glTF keeps them, of diffuse shading."""
+    """Linear colours (as glTF requires) of diffuse shading."""
     normals = vertex_normals(mesh).cpu()
     facing = (normals @ normals.new_tensor(TOWARDS_LIGHT)).clamp(min=0.0)
     light = LIGHT * facing + SKY * 0.5 * (1 + normals[:, 1]) + AMBIENT

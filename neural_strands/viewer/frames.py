@@ -1,4 +1,4 @@
-"""One picture of the hair for one browser: as small as it must be while the camera moves, and beside a photograph."""
+"""Pictures of the hair for one browser: rendered, as a photograph, or both side by side."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import to_bytes
 
 LINE = 400
-"""Share of a picture's width that the line between two pictures takes, as one in so many."""
+"""Width of a picture divided by that of the line between two pictures."""
 Pixels = UInt8[np.ndarray, "height width 3"]
 
 
@@ -22,16 +22,16 @@ def rendered(renderer: HairRenderer, camera: Camera) -> Pixels:
 def seen_by(
     photograph: UInt8[np.ndarray, "taken_height taken_width 3"], taken: Camera, camera: Camera, behind: Pixels
 ) -> Pixels:
-    """A photograph as another camera at the same place and with the same axes sees it, over `behind`.
+    """A photograph as seen by another camera with the same pose, composited over `behind`.
 
     Args:
-        photograph: encoded.
-        taken: the camera that took it.
+        photograph: the photograph, sRGB-encoded.
+        taken: camera of the photograph.
         camera: the other one; only its intrinsics and size may differ.
-        behind: what shows where the photograph has no pixels, of the other camera's size.
+        behind: picture, of the other camera's size, that shows where the photograph has no pixels.
     """
     change = (camera.intrinsics @ torch.linalg.inv(taken.intrinsics)).double().cpu().numpy()
-    # Our pixel centres lie at +0.5, OpenCV's at 0.
+    # Our pixel centres are at +0.5, OpenCV's at integers.
     shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     warp = (np.linalg.inv(shift) @ change @ shift)[:2]
     size = (camera.width, camera.height)
@@ -45,7 +45,7 @@ def seen_by(
 
 
 def wiped(left: Pixels, right: Pixels, share: float) -> Pixels:
-    """One picture up to `share` of the width, the other beyond, a thin white line between."""
+    """One picture up to `share` of the width, the other beyond, with a thin white line in between."""
     column, width = round(share * left.shape[1]), left.shape[1]
     picture = np.concatenate([left[:, :column], right[:, column:]], axis=1)
     if 0 < column < width:

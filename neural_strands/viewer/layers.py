@@ -22,7 +22,7 @@ STRANDS, SEGMENTS, HEAD, CAMERAS = "/strands", "/segments", "/head", "/cameras"
 LINE_PIXELS = 1.5
 SKIN = (204, 194, 186)
 THUMBNAIL = 128
-"""Pixels along the longer side of a photograph in space."""
+"""Longer side of a photograph in space, pixels."""
 FRUSTUM = 0.04
 """Size of a camera in space, metres."""
 
@@ -32,10 +32,10 @@ class Layer:
     """One kind of thing in space.
 
     Attributes:
-        name: of its node, or of the parent of its nodes.
-        label: for people.
-        draw: adds it, or replaces it.
-        at_first: whether a page starts with it.
+        name: name of its scene node, or of the parent of its nodes.
+        label: text in the panel.
+        draw: adds or replaces it.
+        at_first: whether it is shown when a page opens.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Layer:
 
 
 def layers_of(scene: Scene) -> list[Layer]:
-    """The layers that a scene has something for; a rendered picture needs none of them at first."""
+    """The layers for which a scene has content; with a rendered picture, none of them is shown at first."""
     found = []
     if scene.strands is not None and len(scene.strands):
         found.append(Layer(STRANDS, "Strands as lines", _draw_strands, scene.renderer is None))
@@ -104,7 +104,7 @@ def _jump(page: Page, photograph: int, event: "viser.SceneNodePointerEvent") -> 
 
 
 def hide(server: "viser.ViserServer", name: str) -> None:
-    """Remove what is drawn under a name, if anything is."""
+    """Remove the scene node with a name, if there is one."""
     if server.scene.get_handle_by_name(name) is not None:
         server.scene.remove_by_name(name)
 

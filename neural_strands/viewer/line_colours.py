@@ -1,4 +1,4 @@
-"""Strands and segments as lines that a browser can draw: few enough of them, and their colours."""
+"""Strands and segments as lines for a browser: a limited number of them, with colours."""
 
 from typing import Literal, get_args
 
@@ -16,9 +16,9 @@ from neural_strands.pictures.lines import direction_colour
 Colouring = Literal["hair colour", "direction", "root", "seen or guessed"]
 COLOURINGS: tuple[Colouring, ...] = get_args(Colouring)
 MOST_LINES = 120_000
-"""Straight pieces that a browser draws smoothly without a graphics card."""
+"""Number of straight pieces that a browser draws smoothly without a graphics card."""
 POINTS = 20
-"""Points of a strand as drawn, if it has more."""
+"""Largest number of points per strand as drawn."""
 PLAIN = (0.45, 0.30, 0.18)
 """Colour of strands that have none of their own, sRGB."""
 SEEN, GUESSED = (0.25, 0.55, 0.85), (0.95, 0.45, 0.10)
@@ -33,9 +33,9 @@ def strand_lines(
     """Ends of the straight pieces of strands, and the colour of each end.
 
     Args:
-        strands: world metres; all of them, or evenly chosen ones where there are too many.
-        colouring: what the colour says.
-        most: pieces.
+        strands: world metres; if there are too many, evenly chosen ones are drawn.
+        colouring: meaning of the colours.
+        most: largest number of pieces.
     """
     count, points, _ = strands.points.shape
     kept = torch.linspace(0, points - 1, min(points, POINTS)).round().long()
@@ -52,7 +52,7 @@ def strand_lines(
 def segment_lines(
     segments: LineSegments, most: int = MOST_LINES
 ) -> tuple[Float[np.ndarray, "line 2 3"], UInt8[np.ndarray, "line 2 3"]]:
-    """Ends of the pieces of line segments, coloured by direction; whole segments are left out where there are many."""
+    """Ends of the pieces of line segments, coloured by direction; if there are too many, whole segments are omitted."""
     every = max(1, -(-len(segments) // most))
     lines = segments.select(segments.segment_id % every == 0).lines()
     along = torch.nn.functional.normalize(lines[:, 1] - lines[:, 0], dim=-1)
@@ -60,7 +60,7 @@ def segment_lines(
 
 
 def _line_bytes(colours: Float[Tensor, "line 2 3"]) -> UInt8[np.ndarray, "line 2 3"]:
-    """Encoded colours as browsers take those of lines: three.js, which draws them, expects linear light there."""
+    """Convert encoded colours to linear ones, which three.js expects for lines."""
     return to_bytes(to_linear(colours))
 
 
@@ -85,7 +85,7 @@ def _seen_colours(strands: Strands) -> Float[Tensor, "s 3"]:
 
 
 def _root_colours(strands: Strands) -> Float[Tensor, "s 3"]:
-    """Colours that differ between neighbouring places of the scalp: its chart, or else the position of the roots."""
+    """Colours that vary over the scalp: by chart coordinates or, without them, by position of the roots."""
     roots = strands.points[:, 0] if strands.root_uv is None else strands.root_uv
     low, high = roots.amin(dim=0), roots.amax(dim=0)
     place = (roots - low) / (high - low).clamp(min=1e-9)

@@ -1,4 +1,4 @@
-"""What a page tells its readers: errors in one sentence, and that something is being done."""
+"""Notices on a page: progress, and errors in one sentence."""
 
 import logging
 from collections.abc import Callable, Iterator
@@ -13,21 +13,21 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 Say = Callable[[str], None]
-"""Shows how far something is."""
+"""Shows the progress of a task."""
 SHOWN_SECONDS = 20.0
-"""How long an error stays on the page."""
+"""Time for which an error stays on the page, seconds."""
 
 
 @contextmanager
 def reporting(client: "viser.ClientHandle | None", doing: str) -> "Iterator[Say]":
-    """Show on a browser's page that something is being done, and, where it fails, why.
+    """Show on a browser's page that a task is running and, if it fails, why.
 
     Args:
-        client: the browser; None where it has left: then nothing is shown.
-        doing: what is being done: "Cutting the hair".
+        client: the browser; None if it has disconnected, then nothing is shown.
+        doing: description of the task, such as "Cutting the hair".
 
     Yields:
-        a function that shows how far it is.
+        A function that shows the progress.
     """
     notice = None if client is None else client.add_notification(doing, "", loading=True, with_close_button=False)
 

@@ -1,4 +1,4 @@
-"""From a path to a scene: a run, finished or still being fitted, a groom file, or a capture."""
+"""Opens a path as a scene: a run, finished or still being fitted, a groom file, or a capture."""
 
 import math
 from dataclasses import replace
@@ -20,13 +20,13 @@ from neural_strands.runs.run_folder import RunFolder, found_again, read_descript
 from neural_strands.viewer.scene import Scene
 
 WIDEST_ROOTS = 0.6
-"""Metres that the roots of hair in metres span at most; a groom whose roots span more is in centimetres or so."""
+"""Largest span of the roots of hair in metres; a groom whose roots span more has another unit."""
 ROOT_SPAN = 0.2
-"""Metres that the roots of a head of hair span along the longest axis."""
+"""Typical span of the roots of a head of hair along the longest axis, metres."""
 
 
 def kind_of(path: Path) -> str:
-    """Say whether a path is a run, a model, a groom or a capture, without reading it.
+    """Return whether a path is a run, a model, a groom or a capture, without reading it.
 
     Raises:
         InputError: it is none of them.
@@ -44,7 +44,7 @@ def kind_of(path: Path) -> str:
 
 
 def open_groom(path: Path) -> Scene:
-    """Read a groom; one that is obviously not in metres is shrunk to the size of a head of hair.
+    """Read a groom; if it is obviously not in metres, it is scaled to the size of a head of hair.
 
     Raises:
         InputError: the file is not a groom.
@@ -64,7 +64,7 @@ def open_capture(path: Path) -> Scene:
     """Open a capture: cameras, photographs, and its head and true strands if there are any.
 
     Raises:
-        InputError: the folder is not a capture, or one of its files is broken.
+        InputError: the folder is not a capture, or one of its files is damaged.
     """
     capture = Capture.load(path)
     file = read_head(capture)
@@ -74,7 +74,7 @@ def open_capture(path: Path) -> Scene:
 
 
 def open_model(path: Path, device: torch.device) -> Scene:
-    """Open the folder of a hair model alone.
+    """Open the folder of a hair model without its run.
 
     Raises:
         InputError: the folder is not a model.
@@ -83,7 +83,7 @@ def open_model(path: Path, device: torch.device) -> Scene:
 
 
 def open_edited(path: Path, device: torch.device) -> Scene:
-    """Open a folder of edited hair: the hair that was edited with everything around it, and the edits.
+    """Open a folder of edited hair: the source of the hair with everything around it, and the edits.
 
     Raises:
         InputError: the folder or its source is damaged.
@@ -97,12 +97,12 @@ def open_edited(path: Path, device: torch.device) -> Scene:
 
 
 def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene:
-    """Open a run with its newest state, its segments, and its photographs where they still are.
+    """Open a run with its newest state, its segments, and its photographs if they still exist.
 
     Args:
         path: folder of the run.
-        state: the newest state, or None before the fit has written any; the capture alone is shown then.
-        device: where to render.
+        state: the newest state, or None before the fit has written any; then only the capture is shown.
+        device: device of the renderer.
 
     Raises:
         InputError: a file of the run is damaged.
@@ -122,6 +122,6 @@ def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene
 
 
 def _shown_model(base: Scene, model: HairModel) -> Scene:
-    """A scene with the hair of a model, and with what the run's groom says of its strands."""
+    """A scene with the hair of a model, and the attributes of strands stored in the run's groom."""
     hair = marked(Hair.of(model.eval()), RunFolder(base.path).groom_arrays)
     return replace(base.with_hair(hair), head=model.body.mesh.to("cpu"))

@@ -1,16 +1,16 @@
-"""How large pictures may be while the camera moves, from how long the last ones took."""
+"""Chooses the size of pictures while the camera moves, from the time that the last ones took."""
 
 import math
 
 FIRST = 192
 SMALLEST, LARGEST = 64, 640
-"""Pixels along the longer side."""
+"""Bounds of the longer side, pixels."""
 STEP = 16
 """Sizes are multiples of this, so that they do not flicker."""
 
 
 class Pace:
-    """Sizes of pictures that take about `target` seconds each."""
+    """Chooses sizes of pictures that take about `target` seconds each."""
 
     def __init__(self, target: float) -> None:
         self.target = target
@@ -18,11 +18,11 @@ class Pace:
 
     @property
     def size(self) -> int:
-        """Pixels along the longer side of the next picture."""
+        """Longer side of the next picture, pixels."""
         return STEP * max(round(self._size / STEP), 1)
 
     def took(self, seconds: float) -> None:
-        """Learn from a picture of `size`; halfway, because one picture says little."""
+        """Adapt to the time of a picture of the present size; only halfway, because single times are noisy."""
         wanted = self._size * math.sqrt(self.target / max(seconds, 1e-4))
         change = min(max(math.sqrt(wanted / self._size), 0.7), 1.3)
         self._size = min(max(self._size * change, SMALLEST), LARGEST)

@@ -1,4 +1,4 @@
-"""A page: one scene that all browsers share, each with a camera and a picture of its own."""
+"""A page: one scene shared by all browsers, each with its own camera and picture."""
 
 import threading
 from collections.abc import Callable
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 JPEG_QUALITY = 85
 PAPER = 255
-"""Level behind a photograph where there is no rendering."""
+"""Grey level behind a photograph if there is no rendering."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What all browsers see, beside where their cameras stand.
+    """Settings of the view that all browsers share.
 
     Attributes:
         neural: whether the rendered picture lies behind everything else.
         wipe: share of the width on which a photograph covers the rendering, for a browser at its camera.
-        colouring: what the colours of lines say.
+        colouring: meaning of the colours of lines.
     """
 
     neural: bool = True
@@ -43,13 +43,13 @@ class Look:
 
 @dataclass(frozen=True)
 class Standing:
-    """A browser whose camera stands where the page has put it, until a person moves it.
+    """A browser whose camera is where the page has placed it, until the user moves it.
 
     Attributes:
-        pose: where.
-        aspect: width of the canvas over its height, for which the pose was chosen.
-        photograph: index of the photograph that was taken there; None in front of the face.
-        arrived: whether the browser has said so; until then it may still report where it was.
+        pose: pose of the camera.
+        aspect: aspect ratio of the canvas for which the pose was chosen.
+        photograph: index of the photograph taken from there; None for the pose in front of the face.
+        arrived: whether the browser has confirmed the pose; until then it may still report its previous one.
     """
 
     pose: Pose
@@ -63,11 +63,11 @@ class FrameRequest:
     """Everything that a picture shows; equal requests give the same picture.
 
     Attributes:
-        camera: the browser's.
-        scene: what to render.
+        camera: camera of the browser.
+        scene: the scene to render.
         look: shared settings.
         photograph: index of the photograph to compare with, or None.
-        moment: renders the hair as it moves, instead of the scene's at rest.
+        moment: renderer of moving hair, in place of the scene's hair at rest.
     """
 
     camera: PageCamera
@@ -88,11 +88,11 @@ class Page:
     """
 
     def __init__(self, server: "viser.ViserServer", scene: Scene, finer: tuple[int, ...] = FINER) -> None:
-        """Show a scene to every browser that comes.
+        """Show a scene to every browser that connects.
 
         Args:
             server: viser's.
-            scene: to begin with.
+            scene: the initial scene.
             finer: sizes of the pictures once the camera rests (`RenderLoop`).
         """
         self.server = server
@@ -113,7 +113,7 @@ class Page:
         self._loop.stop()
 
     def show(self, scene: Scene) -> None:
-        """Show other hair, or another head, from where each browser looks; edits made here are made to it as well.
+        """Show another scene without moving cameras; the present edits are applied to it as well.
 
         Raises:
             InputError: the edits do not suit that hair.
@@ -123,7 +123,7 @@ class Page:
         self.redraw()
 
     def edit(self, change: Callable[[History], History]) -> None:
-        """Change what has been done to the hair, one change at a time; where it fails, everything stays as it was.
+        """Change the history of edits, one change at a time; if it fails, everything stays unchanged.
 
         Raises:
             InputError: an edit does not suit the hair, or none of it would remain.
@@ -135,7 +135,7 @@ class Page:
         self.redraw()
 
     def show_moment(self, moment: HairRenderer | None) -> None:
-        """Show hair that moves; None shows it at rest."""
+        """Show moving hair; None shows it at rest."""
         self._moment = moment
         self.redraw()
 
@@ -145,16 +145,16 @@ class Page:
         self.redraw()
 
     def redraw(self) -> None:
-        """Draw anew for every browser."""
+        """Request a new picture for every browser."""
         for client in self.server.get_clients().values():
             self._ask(client)
 
     def start(self, client: "viser.ClientHandle") -> None:
-        """Put a browser's camera in front of the face."""
+        """Place a browser's camera in front of the face."""
         self._stand(client, None)
 
     def jump(self, client: "viser.ClientHandle", photograph: int) -> None:
-        """Put a browser's camera where a photograph was taken.
+        """Place a browser's camera where a photograph was taken.
 
         Raises:
             InputError: there are no photographs.
@@ -164,14 +164,14 @@ class Page:
         self._stand(client, photograph)
 
     def request_of(self, client: "viser.ClientHandle") -> FrameRequest:
-        """What a browser shows now."""
+        """The picture that a browser should show now."""
         with self._lock:
             standing = self._standing.get(client.client_id)
         photograph = standing.photograph if standing is not None and standing.arrived else None
         return FrameRequest(self.camera_of(client), self.scene, self.look, photograph, self._moment)
 
     def camera_of(self, client: "viser.ClientHandle") -> PageCamera:
-        """Where a browser looks from."""
+        """The present camera of a browser."""
         w, x, y, z = (float(value) for value in client.camera.wxyz)
         right, up, back = (float(value) for value in client.camera.position)
         aspect = min(max(client.camera.aspect, 0.05), 20.0)
@@ -190,7 +190,7 @@ class Page:
         self._ask(client)
 
     def _points(self) -> torch.Tensor:
-        """What the first view has to hold: the hair, or else the head."""
+        """Points that the first view should contain: the hair, or else the head."""
         if self.scene.strands is not None and len(self.scene.strands):
             return self.scene.strands.points.reshape(-1, 3)
         return torch.zeros(0, 3) if self.scene.head is None else self.scene.head.vertices
@@ -207,7 +207,8 @@ class Page:
     def _moved(self, client: "viser.ClientHandle") -> None:
         """Follow a browser's camera.
 
-        One that stands where the page has put it stays framed when the window changes; a person who moves it leaves.
+        While it is where the page has placed it, it is reframed when the window changes; once the user moves it, it is
+        not.
         """
         camera, resized = self.camera_of(client), False
         with self._lock:
@@ -227,7 +228,7 @@ class Page:
         self._loop.ask(client.client_id, self.request_of(client))
 
     def _draw(self, browser: int, request: FrameRequest, size: int) -> None:
-        """Draw one picture and send it, unless the browser leaves meanwhile."""
+        """Draw one picture and send it, unless the browser has disconnected meanwhile."""
         picture = picture_of(request, size)
         client = self.server.get_clients().get(browser)
         if client is not None:
@@ -235,7 +236,7 @@ class Page:
 
 
 def picture_of(request: FrameRequest, size: int) -> Pixels | None:
-    """The picture of a request with `size` pixels along its longer side; None where nothing is to be shown."""
+    """The picture of a request, with `size` pixels along its longer side; None if there is nothing to show."""
     scene, camera = request.scene, request.camera.sized(size)
     ours = None
     renderer = request.moment or scene.renderer

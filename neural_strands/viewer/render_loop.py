@@ -15,21 +15,22 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 SECONDS_A_FRAME = 0.12
-"""Aim while the camera moves: a little above eight pictures a second, for at least five with sending and showing."""
+"""Target time per picture while the camera moves: slightly more than eight per second, for at least five after transfer
+and display."""
 REST_SECONDS = (0.25, 0.6)
-"""How long a request must stay the newest before it is drawn at each of the finer sizes."""
+"""Time that a request must stay the newest before it is drawn at each of the finer sizes, seconds."""
 FINER = (512, 1024)
-"""Pixels along the longer side of the pictures of a request that rests."""
+"""Longer sides of the finer pictures, pixels."""
 
 
 @dataclass
 class _Wish(Generic[T]):
-    """The newest request of one browser.
+    """The newest request of one browser, and its progress.
 
     Attributes:
-        request: what to draw.
-        asked: when, seconds of the monotonic clock.
-        level: pictures of it drawn so far, quick one included.
+        request: the request.
+        asked: time of the request, seconds of the monotonic clock.
+        level: number of pictures drawn so far, the quick one included.
     """
 
     request: T
@@ -38,7 +39,7 @@ class _Wish(Generic[T]):
 
 
 class RenderLoop(Generic[T]):
-    """Draws requests one at a time; of one browser, only the newest counts.
+    """Draws requests one at a time; only the newest of each browser counts.
 
     `draw` takes a request and the number of pixels along the longer side; it delivers the picture itself.
     """
@@ -48,12 +49,12 @@ class RenderLoop(Generic[T]):
 
         Args:
             draw: called in the thread with the browser, its request and the size.
-            finer: sizes of the pictures of a request that rests.
+            finer: sizes of the finer pictures of a request that rests.
         """
         self._draw = draw
         self._finer = finer
         self._wishes: dict[int, _Wish[T]] = {}
-        # When each browser last got a picture: they take turns.
+        # Time of each browser's last picture, so that they take turns.
         self._served: dict[int, float] = {}
         self._pace = Pace(SECONDS_A_FRAME)
         self._changed = threading.Condition()
@@ -62,19 +63,19 @@ class RenderLoop(Generic[T]):
         self._thread.start()
 
     def ask(self, browser: int, request: T) -> None:
-        """Draw this for a browser, instead of whatever it asked for before."""
+        """Draw a request for a browser, replacing its previous one."""
         with self._changed:
             self._wishes[browser] = _Wish(request, time.monotonic())
             self._changed.notify()
 
     def forget(self, browser: int) -> None:
-        """A browser has left."""
+        """Drop the requests of a browser that has disconnected."""
         with self._changed:
             self._wishes.pop(browser, None)
             self._served.pop(browser, None)
 
     def stop(self) -> None:
-        """End the thread after the picture in hand."""
+        """End the thread after the current picture."""
         with self._changed:
             self._ended = True
             self._changed.notify()
@@ -89,7 +90,7 @@ class RenderLoop(Generic[T]):
             try:
                 self._draw(browser, wish.request, size)
             except Exception:
-                # One request that fails must not end the pictures of all browsers.
+                # A failing request must not stop the pictures of all browsers.
                 log.exception("a picture could not be drawn")
             if quick:
                 self._pace.took(time.monotonic() - begin)
@@ -99,7 +100,7 @@ class RenderLoop(Generic[T]):
                     self._served[browser] = time.monotonic()
 
     def _wait(self) -> tuple[int, _Wish[T]] | None:
-        """Wait for the next picture that is due; None at the end."""
+        """Wait for the next picture that is due; None when the loop ends."""
         with self._changed:
             while not self._ended:
                 now = time.monotonic()
@@ -115,7 +116,7 @@ class RenderLoop(Generic[T]):
         return None
 
     def _due(self, wish: _Wish[T]) -> tuple[float, int]:
-        """When the next picture of a request is due, and its level: quick pictures of all browsers come first."""
+        """Time at which a request's next picture is due, and its level; quick pictures of all browsers come first."""
         if wish.level == 0:
             return wish.asked, 0
         if wish.level > len(self._finer):

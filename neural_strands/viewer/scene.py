@@ -1,4 +1,4 @@
-"""What a page shows: hair, head, segments and photographs, whichever of them there are."""
+"""The content of a page: hair, head, segments and photographs, as far as they exist."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,16 +19,16 @@ class Scene:
 
     Attributes:
         path: the run, groom or capture.
-        kind: what it is, for people: "run", "groom" or "capture".
-        fitted: hair as it was fitted or read; None where there is none, as in a capture without true strands.
-        edits: what has been done to it.
+        kind: kind of content, for messages: "run", "groom" or "capture".
+        fitted: hair as it was fitted or read; None if there is none, as in a capture without true strands.
+        edits: edits that are applied to it.
         hair: the hair after the edits.
         unedited: renders the fitted hair of a model from any camera.
         renderer: renders the edited hair of a model from any camera.
         head: mesh of head and body.
         segments: line segments that the fit used.
-        photographs: read when they are asked for.
-        note: what a person should know about this content, one sentence, or empty.
+        photographs: photographs, read when they are needed.
+        note: one sentence that the user should know about the content, or empty.
     """
 
     path: Path
@@ -49,12 +49,12 @@ class Scene:
         return None if self.hair is None else self.hair.strands.to("cpu")
 
     def with_hair(self, fitted: Hair) -> "Scene":
-        """The same scene with other hair, not edited."""
+        """The scene with other hair, without edits."""
         unedited = None if fitted.model is None else HairRenderer.of(fitted.model, fitted.strands)
         return replace(self, fitted=fitted, unedited=unedited).with_edits(())
 
     def with_edits(self, edits: tuple[Edit, ...]) -> "Scene":
-        """The same scene with other edits of its hair.
+        """The scene with other edits of its hair.
 
         Raises:
             InputError: an edit does not suit the hair.
@@ -62,7 +62,7 @@ class Scene:
         if self.fitted is None:
             return self
         if self.hair is not None and edits and edits[:-1] == self.edits and isinstance(edits[-1], Haircut | Wind):
-            # These follow upon everything before them: no texture has to be decoded again.
+            # These edits apply to the result of all others, so no texture has to be decoded again.
             hair = apply_edits(self.hair, edits[-1:])
         else:
             hair = apply_edits(self.fitted, edits) if edits else self.fitted

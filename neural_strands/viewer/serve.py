@@ -1,4 +1,4 @@
-"""From a path to a page, which follows a run while it is being fitted."""
+"""Serves a path as a page, which follows a run while it is being fitted."""
 
 import logging
 import threading
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 POLL_SECONDS = 2.0
-"""How often a run is asked for a newer state."""
+"""Interval at which a run is checked for a newer state, seconds."""
 
 
 class ServedPage:
-    """A page and the path that it shows."""
+    """A page together with the path that it shows."""
 
     def __init__(
         self, server: "viser.ViserServer", path: Path, device: torch.device, finer: tuple[int, ...] = FINER
@@ -42,19 +42,19 @@ class ServedPage:
             finer: sizes of the pictures once the camera rests (`RenderLoop`).
 
         Raises:
-            InputError: there is nothing at the path that can be shown, or it is damaged.
+            InputError: the path cannot be shown, or is damaged.
         """
         self._path, self._device = path, device
         self._kind = kind_of(path)
         self._state = newest_state(RunFolder(path)) if self._kind == "run" else None
         self.page = Page(server, self._open(self._state), finer)
         self._tabs = Tabs(self.page)
-        # People look before they cut: meanwhile the first edit becomes as quick as the others.
+        # Prepare edits while the user is still looking around, so that the first edit is as fast as the others.
         self._preparing = threading.Thread(target=self._prepare, name="viewer-light", daemon=True)
         self._preparing.start()
 
     def close(self) -> None:
-        """End the page's threads; the server goes on."""
+        """End the page's threads; the server keeps running."""
         self._preparing.join()
         self.page.close()
 
@@ -65,9 +65,9 @@ class ServedPage:
             self.refresh()
 
     def refresh(self) -> bool:
-        """Show the newest state of a run if there is a newer one; says whether there was.
+        """Show the newest state of a run if there is a newer one; returns whether there was.
 
-        A state that cannot be read is left out: the fit writes another.
+        A state that cannot be read is skipped, because the fit will write another.
         """
         state = newest_state(RunFolder(self._path)) if self._kind == "run" else None
         try:
@@ -105,6 +105,6 @@ class ServedPage:
 
 
 def _parts(scene: Scene) -> list[bool]:
-    """Which parts a scene has: the panel has controls for them."""
+    """Which parts a scene has, and the panel therefore has controls for."""
     parts = (scene.strands, scene.renderer, scene.head, scene.segments, scene.photographs)
     return [part is not None for part in parts]

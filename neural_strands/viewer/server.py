@@ -1,4 +1,4 @@
-"""The web server of a page: bound to one address, and deaf to pages of other sites."""
+"""The web server of a page, which listens on one address and rejects connections from pages of other sites."""
 
 import contextlib
 import errno
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 MOST_BROWSERS = 8
-"""Connections at a time; each costs pictures of its own."""
+"""Largest number of simultaneous connections; each needs its own pictures."""
 PORTS_TRIED = 100
 LAST_PORT = 65535
 CLOSING_SECONDS = 1.0
-"""How long browsers may take to hang up."""
+"""Time that browsers may take to disconnect, seconds."""
 REFUSED, FULL = 1008, 1013
 """WebSocket's close codes: policy violation, try again later."""
 
 
 def start_server(host: str, port: int) -> "viser.ViserServer":
-    """Serve an empty page; the next free port is taken where the given one is in use.
+    """Serve an empty page; if the port is in use, the next free one is taken.
 
     Args:
         host: address to bind to.
-        port: the first port to try; 0 takes any.
+        port: the first port to try; 0 for any.
 
     Raises:
         InputError: viser is not installed, or no such address can be bound.
@@ -44,7 +44,7 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
     from viser import _messages
 
     port = free_port(host, port)
-    # A browser that sends nonsense is dropped; nobody needs the traceback.
+    # Browsers that send garbage are disconnected; their tracebacks would only clutter the terminal.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     with _unannounced():
         server = viser.ViserServer(host=host, port=port, verbose=False)
@@ -64,13 +64,13 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
         elif len(live) > MOST_BROWSERS:
             await asking.close(FULL, f"{MOST_BROWSERS} browsers are connected already")
 
-    # It runs before anything is sent to the browser.
+    # This handler runs before anything is sent to the browser.
     connections.on_client_connect(admit)
     return server
 
 
 def check_installed() -> None:
-    """See that viser is there.
+    """Check that viser is installed.
 
     Raises:
         InputError: it is not installed.
@@ -96,7 +96,7 @@ def stop_server(server: "viser.ViserServer") -> None:
 
 
 def free_port(host: str, port: int) -> int:
-    """The first free port from `port` on; 0 takes any.
+    """The first free port from `port` on; 0 for any.
 
     Raises:
         InputError: the address is not one of this machine, or no such port is free or allowed.
@@ -123,12 +123,12 @@ def free_port(host: str, port: int) -> int:
 def is_own_page(host: str, origin: str | None) -> bool:
     """Whether a connection comes from the page itself, not from a page of another site in the same browser.
 
-    A site can make its own name lead to this machine (DNS rebinding), but then the browser says that name: only
-    `localhost`, this machine's name and numeric addresses are taken. Programs other than browsers give no origin.
+    A site can make its own name resolve to this machine (DNS rebinding), but then the browser sends that name. So only
+    `localhost`, this machine's name and numeric addresses are accepted. Programs other than browsers send no origin.
 
     Args:
         host: the `Host` header: name and port that the browser connected to.
-        origin: the `Origin` header: the site of the page that connects; None where there is none.
+        origin: the `Origin` header: the site of the page that connects, if there is one.
     """
     name = _hostname(f"http://{host}")
     if name is None or not (name in ("localhost", socket.gethostname().lower()) or _is_address(name)):
@@ -153,6 +153,6 @@ def _is_address(name: str) -> bool:
 
 @contextlib.contextmanager
 def _unannounced() -> Iterator[None]:
-    """Drop what viser prints about itself: the command says where the page is."""
+    """Suppress what viser prints on start; the command itself prints the page's address."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield

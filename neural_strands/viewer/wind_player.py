@@ -1,4 +1,4 @@
-"""Hair that blows on the page, as fast as the machine computes it."""
+"""Plays hair in the wind on the page, as fast as the machine computes it."""
 
 import logging
 import math
@@ -19,11 +19,11 @@ from neural_strands.viewer.scene import Scene
 log = logging.getLogger(__name__)
 
 POINTS = 34
-"""Points of a strand while it moves, if it has more."""
+"""Largest number of points per strand while it moves."""
 SECONDS_A_MOMENT = 0.1
-"""Least time between two moments: no more are computed than are drawn."""
+"""Least time between two states, seconds, so that no more are computed than drawn."""
 SIMULATED_STEP = 1 / 24
-"""Most time that a simulation goes on from one moment to the next, seconds."""
+"""Largest simulated time between two states, seconds."""
 
 
 class WindPlayer:
@@ -33,15 +33,15 @@ class WindPlayer:
         """Do nothing yet.
 
         Args:
-            page: whose hair moves.
-            ended: called when the hair comes to rest, however that comes about.
+            page: the page whose hair moves.
+            ended: called when the hair comes to rest, for whatever reason.
         """
         self._page, self._ended = page, ended
         self._lock = threading.RLock()
         self._run: _Run | None = None
 
     def play(self) -> None:
-        """Let the wind blow that is among the page's edits; one that blows already goes on with what has changed.
+        """Play the wind among the page's edits; if it is already playing, it continues with the changed settings.
 
         Raises:
             InputError: the hair has no model, or no wind is among its edits.
@@ -51,7 +51,7 @@ class WindPlayer:
                 return
         self.stop()
         blowing = Blowing.of(self._page.scene)
-        # Whatever takes long the first time is done while the page says so.
+        # Do slow first-time work now, while the page shows a notice.
         blowing.motion.at(0.0)
         with self._lock:
             if self._run is None:
@@ -81,10 +81,10 @@ class WindPlayer:
                 self._page.show_moment(blowing.at(seconds))
                 run.stopped.wait(max(SECONDS_A_MOMENT - (time.monotonic() - begin), 0.0))
         except InputError as error:
-            # The wind has been undone.
+            # The wind may have been undone meanwhile.
             log.info("%s", error)
         finally:
-            # Whoever plays anew meanwhile waits until this is over.
+            # A new call of `play` waits until this one has ended.
             with self._lock:
                 self._run = None
                 try:
@@ -94,7 +94,7 @@ class WindPlayer:
 
 
 class _Run:
-    """One time that the wind blows: its thread, and whether it is to end."""
+    """One playback: its thread, and whether it should end."""
 
     thread: threading.Thread
 
@@ -104,13 +104,13 @@ class _Run:
 
 @dataclass(frozen=True)
 class Blowing:
-    """The hair of a scene in the wind that is among its edits.
+    """The hair of a scene, moved by the wind among its edits.
 
     Attributes:
-        scene: whose hair.
-        renderer: of the scene.
-        thin: the hair at rest, with few points.
-        motion: moves it.
+        scene: the scene.
+        renderer: renderer of the scene.
+        thin: the hair at rest, with fewer points.
+        motion: motion of that hair.
     """
 
     scene: Scene
@@ -135,16 +135,16 @@ class Blowing:
 
     @property
     def longest_step(self) -> float:
-        """Longest time between two moments, seconds: a simulation that cannot keep up plays in slow motion."""
+        """Longest time between two states, seconds; a simulation that cannot keep up plays in slow motion."""
         return SIMULATED_STEP if self.motion.wind.simulate else math.inf
 
     def at(self, seconds: float) -> HairRenderer:
-        """The hair as it lies so many seconds after the wind has begun to rise."""
+        """A renderer of the hair at a time after the wind began to rise."""
         return self.renderer.showing(replace(self.thin, points=self.motion.at(seconds)))
 
 
 def thinned(strands: Strands, points: int = POINTS) -> Strands:
-    """Strands of fewer points, which are some of theirs."""
+    """Keep a subset of the points of each strand."""
     count = strands.points_per_strand
     kept = torch.linspace(0, count - 1, min(points, count), device=strands.points.device).round().long()
     width = None if strands.width is None else strands.width[:, kept]

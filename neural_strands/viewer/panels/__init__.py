@@ -1,1 +1,1 @@
-"""The panel of a page: controls that look at, change and save what the page shows."""
+"""The panel of a page: controls to view, change and save what the page shows."""

@@ -1,4 +1,4 @@
-"""The controls that change hair, and the list of what has been done, which can be undone."""
+"""Controls that change hair, and the list of edits with undo."""
 
 import dataclasses
 from collections.abc import Callable
@@ -24,21 +24,21 @@ CHANGES: dict[str, Callable[[History], History]] = {
     "Redo": History.forward,
     "Start over": History.cleared,
 }
-"""What the buttons do to the list of edits."""
+"""Effects of the buttons on the list of edits."""
 MOST_NUMBERS = 3
-"""A setting of more numbers, such as a plane, is named without them."""
+"""Settings with more numbers, such as a plane, are listed without them."""
 
 
 class EditPanel:
-    """The controls, and what has been done with them."""
+    """The controls and the list of edits."""
 
     def __init__(self, page: Page, fitted: Hair, redraw: Callable[[], None]) -> None:
-        """Add the controls of what can be done to the page's hair.
+        """Add the controls for the edits that the page's hair allows.
 
         Args:
-            page: whose hair is changed.
-            fitted: the hair before any edit: it says what can be done.
-            redraw: draws anew whatever else shows the hair.
+            page: the page whose hair is changed.
+            fitted: the hair before any edit, which determines the available edits.
+            redraw: redraws everything else that shows the hair.
         """
         gui = page.server.gui
         self._page, self._redraw = page, redraw
@@ -84,7 +84,7 @@ class EditPanel:
             self.describe()
 
     def describe(self) -> None:
-        """List what has been done."""
+        """Update the list of edits."""
         strands = self._page.scene.strands
         lines = [f"{number}. {described(edit)}" for number, edit in enumerate(self._page.history.done, start=1)]
         count = 0 if strands is None else len(strands)
@@ -92,7 +92,7 @@ class EditPanel:
 
 
 def described(edit: Edit) -> str:
-    """An edit in a few words: the settings that are not as usual."""
+    """Summarise an edit: its name and the settings that differ from the defaults."""
     usual = {field.name: field.default for field in dataclasses.fields(edit)}
     (document,) = edits_as_json([edit])
     name = document.pop("edit")

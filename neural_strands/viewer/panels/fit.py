@@ -1,4 +1,4 @@
-"""How far a fit is, and its curves."""
+"""The progress of a fit, and its loss curves."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import viser
 
 FIRST_SHOWN = "render"
-"""The curve that is shown at first, once it is there: the squared colour error."""
+"""The curve that is selected first, once it exists: the squared colour error."""
 LABELS = {
     "geometry": "distance from the stereo segments",
     "render": "colour error",
@@ -20,11 +20,11 @@ LABELS = {
     "head": "depth inside the head",
     "first": "distance from the first strands",
 }
-"""The losses in plain words; others keep their names."""
+"""Labels of the losses; others keep their names."""
 
 
 class FitPanel:
-    """The steps that are done, and the curve of one loss."""
+    """Number of steps done, and the curve of one loss."""
 
     def __init__(self, server: "viser.ViserServer", folder: RunFolder) -> None:
         """Add the controls; `update` fills them.
@@ -51,7 +51,7 @@ class FitPanel:
         self.update()
 
     def update(self) -> None:
-        """Show what the log says now, if it has grown.
+        """Show the new contents of the log, if it has grown.
 
         Raises:
             InputError: the log cannot be read.
@@ -78,5 +78,5 @@ class FitPanel:
 
 
 def label(loss: str) -> str:
-    """A loss in plain words."""
+    """The label of a loss."""
     return LABELS.get(loss, loss)

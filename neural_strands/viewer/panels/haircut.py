@@ -1,4 +1,4 @@
-"""The controls of a haircut: below a plane that a person drags, to a length, or by a share."""
+"""Controls of a haircut: below a plane that the user drags, to a length, or by a share."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, get_args
@@ -17,7 +17,7 @@ CENTIMETRE, MILLIMETRE = 0.01, 0.001
 
 
 class HaircutPanel:
-    """The controls, and the plane while it is shown."""
+    """The controls, and the plane while it is visible."""
 
     def __init__(
         self, page: Page, region: Callable[[], Dabs], do: "Callable[[viser.GuiEvent, str, Callable[[], Edit]], None]"
@@ -25,9 +25,9 @@ class HaircutPanel:
         """Add the controls.
 
         Args:
-            page: whose hair is cut.
-            region: where it is cut.
-            do: carries out an edit, says so, and lists it.
+            page: the page whose hair is cut.
+            region: returns the painted region.
+            do: applies an edit, shows progress, and lists it.
         """
         gui = page.server.gui
         self._page, self._region = page, region
@@ -47,14 +47,14 @@ class HaircutPanel:
         cut.on_click(lambda event: do(event, "Cutting the hair", self._haircut))
 
     def _choose(self) -> None:
-        """Show the controls of the chosen way."""
+        """Show the controls of the chosen kind of cut."""
         controls = (self._show, self._length, self._share)
         for way, control in zip(WAYS, controls, strict=True):
             control.visible = self._way.value == way
         self._show.value = self._show.value and self._way.value == WAYS[0]
 
     def _set_plane(self) -> None:
-        """Show the plane, or take it away."""
+        """Show or hide the plane."""
         if self._plane is not None:
             self._plane.remove()
             self._plane = None
@@ -71,7 +71,7 @@ class HaircutPanel:
         if self._plane is None:
             self._show.value = True
         if self._plane is None:
-            # The box was ticked a moment ago, and its answer is still on the way.
+            # The checkbox was just ticked, and its event has not arrived yet.
             self._set_plane()
         if self._plane is None:
             raise InputError("haircut: expected hair to put a plane through, found none; undo an edit.")

@@ -1,4 +1,4 @@
-"""The controls of what is shown: the rendered picture, and what is drawn in space."""
+"""Controls of what is shown: the rendered picture, and layers in space."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def add_look_panel(page: Page) -> Callable[[], None]:
-    """Add the controls that the scene has something to show for, and draw what is shown at first.
+    """Add the controls for which the scene has content, and draw the initial layers.
 
     Returns:
-        draws anew what the page's scene has changed.
+        A function that redraws the layers after the scene has changed.
     """
     from viser import Icon
 

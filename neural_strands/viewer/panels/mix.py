@@ -1,4 +1,4 @@
-"""The controls that bring in other shapes: those of another run, or new ones from the strand prior."""
+"""Controls for other hairstyles: those of another run, or new ones from the strand prior."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 def add_mix_panel(
     page: Page, region: Callable[[], Dabs], do: "Callable[[viser.GuiEvent, str, Callable[[], Edit]], None]"
 ) -> None:
-    """Add the controls of another run's hair.
+    """Add the controls for another run's hair.
 
     Args:
         page: whose hair changes.
-        region: where it changes.
+        region: returns the painted region.
         do: carries out an edit, says so, and lists it.
     """
     gui = page.server.gui
@@ -40,7 +40,7 @@ def add_mix_panel(
 
 
 def add_sample_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], Edit]], None]") -> None:
-    """Add the controls of new hairstyles.
+    """Add the controls for new hairstyles.
 
     Args:
         page: whose hair changes.

@@ -1,4 +1,4 @@
-"""The controls that put a browser where a photograph was taken, and compare the two."""
+"""Controls that place a browser's camera where a photograph was taken, and compare rendering and photograph."""
 
 from collections.abc import Sequence
 from dataclasses import replace

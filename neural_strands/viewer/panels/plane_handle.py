@@ -1,4 +1,4 @@
-"""A plane in space that a person drags to say where hair is cut."""
+"""A plane in space that the user drags to choose where hair is cut."""
 
 from typing import TYPE_CHECKING
 
@@ -16,41 +16,41 @@ NAME = "/cutting_plane"
 SIZE = 0.34
 """Side of the sheet that shows the plane, metres."""
 HANDLE = 0.14
-"""Length of the arrows that drag it, metres."""
+"""Length of the arrows for dragging it, metres."""
 COLOUR = (66, 133, 244)
 
 
 class PlaneHandle:
-    """A sheet with arrows; what lies below it, on the side of its own -y, is to be cut."""
+    """A sheet with arrows; hair below it, on the side of its -y axis, is cut."""
 
     def __init__(self, server: "viser.ViserServer", middle: tuple[float, float, float]) -> None:
-        """Put it level through a point."""
+        """Place it horizontally through a point."""
         self._handle = server.scene.add_transform_controls(NAME, scale=HANDLE, position=middle, depth_test=False)
         half = SIZE / 2
         corners = np.array([[-half, 0, -half], [half, 0, -half], [half, 0, half], [-half, 0, half]], np.float32)
         faces = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
-        # The usual material takes a browser without a graphics card many seconds to compile.
+        # Without a graphics card, a browser takes many seconds to compile the default material.
         server.scene.add_mesh_simple(
             f"{NAME}/sheet", corners, faces, color=COLOUR, opacity=0.35, material="toon3", side="double"
         )
 
     def place(self) -> tuple[float, float, float, float, float, float]:
-        """A point of the plane and the normal towards what is cut, as a haircut takes them."""
+        """A point of the plane and the normal towards the cut hair, in the format of `Haircut.plane`."""
         return plane_of(tuple(self._handle.position.tolist()), tuple(self._handle.wxyz.tolist()))
 
     def remove(self) -> None:
-        """Take it away."""
+        """Remove it from the scene."""
         self._handle.remove()
 
 
 def plane_of(
     position: tuple[float, float, float], wxyz: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float, float, float]:
-    """A point of a sheet and its own -y axis in the world.
+    """A point of a sheet and its -y axis in the world.
 
     Args:
-        position: its middle, world metres.
-        wxyz: its rotation to the world as a quaternion.
+        position: middle of the sheet, world metres.
+        wxyz: rotation from the sheet to the world, as a quaternion.
     """
     normal = -quaternion_to_matrix(torch.tensor(wxyz, dtype=torch.float64))[:, 1]
     x, y, z = normal.tolist()
@@ -58,7 +58,7 @@ def plane_of(
 
 
 def middle_of(points: Float[Tensor, "strand point 3"]) -> tuple[float, float, float]:
-    """Where the plane starts: between the middle of the hair and its lower end."""
+    """Initial position of the plane: halfway between the middle of the hair and its lower end."""
     flat = points.reshape(-1, 3)
     flat = flat[flat.isfinite().all(dim=1)]
     low, high = flat.amin(dim=0), flat.amax(dim=0)

@@ -1,4 +1,4 @@
-"""The control that paints a region of the scalp: edits then change only the hair that grows there."""
+"""Controls that paint a region of the scalp, to which edits are then limited."""
 
 import contextlib
 import math
@@ -30,19 +30,19 @@ DOT = 0.0012
 CENTIMETRE = 0.01
 BRUSH = "/region_brush"
 BALL = 0.007
-"""Radius of the ball that is dragged over the scalp, metres."""
+"""Radius of the ball that the user drags over the scalp, metres."""
 STRIDE = 0.3
-"""Distance between the dabs of a brush that is dragged, in its radii."""
+"""Distance between the dabs of a dragged brush, in multiples of its radius."""
 
 
 class RegionBrush:
-    """A brush that a person clicks with, or drags as a ball over the scalp, and the dabs that it has left."""
+    """A brush for clicking, or dragging as a ball over the scalp, and the dabs that it has painted."""
 
     def __init__(self, page: Page) -> None:
         """Add the controls.
 
         Args:
-            page: its hair has `root_uv`.
+            page: the page, whose hair has `root_uv`.
         """
         gui = page.server.gui
         self._page = page
@@ -60,11 +60,11 @@ class RegionBrush:
         self._draw()
 
     def dabs(self) -> Dabs:
-        """The painted region, as edits take it; empty for the whole scalp."""
+        """The painted region, in the format of edits; empty for the whole scalp."""
         return tuple(self._dabs)
 
     def clear(self) -> None:
-        """Forget the region: edits change all of the hair again."""
+        """Clear the region, so that edits change all of the hair again."""
         self._dabs.clear()
         self._draw()
 
@@ -75,11 +75,11 @@ class RegionBrush:
         if self._paint.value:
             scene.on_click()(self._click)
             self._add_ball()
-        # Where the brush is seen, a click paints.
+        # While the brush is visible, clicks paint.
         self._radius.visible = self._paint.value
 
     def _add_ball(self) -> None:
-        """Show a ball on the scalp, above the forehead, that paints where it is dragged."""
+        """Show a ball on the scalp, above the forehead, that paints when it is dragged."""
         roots, _ = self._roots()
         if len(roots):
             first = roots[roots[:, 1:].sum(dim=1).argmax()]
@@ -96,7 +96,7 @@ class RegionBrush:
 
     def _drag(self, event: "viser.SceneNodeDragEvent[viser.GlbHandle]") -> None:
         eye = torch.tensor(event.client.camera.position)
-        # Beside the scalp the ball waits where it was.
+        # Off the scalp, the ball stays where it was.
         with contextlib.suppress(InputError):
             place = self._paint_under(eye, torch.tensor(event.end_position) - eye, STRIDE)
             event.target.position = place.cpu().numpy()
@@ -104,7 +104,7 @@ class RegionBrush:
     def _paint_under(
         self, origin: Float[Tensor, "3"], direction: Float[Tensor, "3"], stride: float = 0.0
     ) -> Float[Tensor, "3"]:
-        """Paint where a ray meets the scalp, unless the last dab is nearer than `stride` radii; returns where.
+        """Paint where a ray meets the scalp, unless the last dab is nearer than `stride` radii; returns that point.
 
         Raises:
             InputError: no root lies near the ray.
@@ -117,14 +117,14 @@ class RegionBrush:
         return roots[(uv - uv.new_tensor(dab[:2])).square().sum(dim=1).argmin()]
 
     def _roots(self) -> tuple[Float[Tensor, "root 3"], Float[Tensor, "root 2"]]:
-        """Roots of the fitted hair, and their places on the chart; none where the chart is not known."""
+        """Roots of the fitted hair, and their chart coordinates; empty if the chart is unknown."""
         fitted = self._page.scene.fitted
         if fitted is None or fitted.strands.root_uv is None:
             return torch.zeros(0, 3), torch.zeros(0, 2)
         return fitted.strands.points[:, 0], fitted.strands.root_uv
 
     def _draw(self) -> None:
-        """Show which roots are painted."""
+        """Show the painted roots as dots."""
         self._clear.visible = bool(self._dabs)
         roots, uv = self._roots()
         if not self._dabs or not len(roots):

@@ -1,4 +1,4 @@
-"""The controls of restyling: length, curl, wave and volume."""
+"""Controls of restyling: length, curl, wave and volume."""
 
 from collections.abc import Callable
 from dataclasses import replace

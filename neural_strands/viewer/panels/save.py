@@ -1,4 +1,4 @@
-"""The controls that save: a picture, a turntable, the list of edits, the hair for other programs."""
+"""Controls for saving a picture, a turntable, the list of edits, or the hair for other programs."""
 
 import json
 from collections.abc import Callable
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SECONDS, FPS = 4.0, 15.0
 """Length of a turntable and its frames per second."""
 SIDE = 512
-"""Pixels along a side of a turntable."""
+"""Side of a turntable, pixels."""
 
 
 def add_save_panel(page: Page) -> None:
@@ -58,7 +58,7 @@ def add_save_panel(page: Page) -> None:
 
 
 def saved_view(request: FrameRequest, longest: int) -> tuple[str, bytes]:
-    """What a browser sees, rendered at a size of its own: name and content of a PNG."""
+    """The view of a browser, rendered at a given size: name and content of a PNG."""
     picture = picture_of(request, longest)
     if picture is None:
         raise InputError("Saving a view: expected a rendered picture, found none; tick `Rendered hair` first.")
@@ -66,7 +66,7 @@ def saved_view(request: FrameRequest, longest: int) -> tuple[str, bytes]:
 
 
 def saved_turntable(scene: Scene, say: Say) -> tuple[str, bytes]:
-    """A video once around the head: name and content."""
+    """A video of one turn around the head: name and content."""
     renderer = scene.renderer
     if renderer is None:
         raise InputError("Saving a turntable: expected hair with a model that renders it, found none; open a run.")
@@ -81,7 +81,7 @@ def saved_turntable(scene: Scene, say: Say) -> tuple[str, bytes]:
 
 
 def saved_edits(scene: Scene) -> tuple[str, bytes]:
-    """The edits in force: name and content of a JSON file."""
+    """The applied edits: name and content of a JSON file."""
     document = {"format": FORMAT, "edits": edits_as_json(scene.edits)}
     return f"{_stem(scene)}_edits.json", (json.dumps(document, indent=1) + "\n").encode()
 
@@ -99,5 +99,5 @@ def saved_hair(scene: Scene, suffix: str) -> tuple[str, bytes]:
 
 
 def _stem(scene: Scene) -> str:
-    """A file name without suffix that says where the hair is from."""
+    """A file name without suffix, from the path of the scene."""
     return scene.path.stem or "hair"

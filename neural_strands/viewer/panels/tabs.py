@@ -1,4 +1,4 @@
-"""The panel of a page: one tab for each thing to do, as far as the scene has something for it."""
+"""The tabs of a page's panel, for everything that the scene allows."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,7 @@ class Tabs:
     """All tabs of a page."""
 
     def __init__(self, page: Page) -> None:
-        """Fill the panel, instead of whatever is in it.
+        """Fill the panel, replacing its contents.
 
         Raises:
             InputError: a file of the run is damaged.
@@ -45,13 +45,13 @@ class Tabs:
                 self._fit = FitPanel(page.server, RunFolder(scene.path))
 
     def update(self) -> None:
-        """Show other hair of the same kind."""
+        """Update all tabs after the hair has changed."""
         self._redraw()
         if self._edit is not None:
             self._edit.describe()
 
     def follow(self) -> None:
-        """Show how far the fit is.
+        """Show the progress of the fit.
 
         Raises:
             InputError: its log cannot be read.
@@ -61,5 +61,5 @@ class Tabs:
 
 
 def title(path: Path) -> str:
-    """The last two parts of a path: folders of many subjects are all called `run`."""
+    """The last two parts of a path, because the folders of many subjects are all called `run`."""
     return "/".join(path.absolute().parts[-2:]).lstrip("/")

@@ -1,4 +1,4 @@
-"""The controls of wind."""
+"""Controls of wind."""
 
 import threading
 from collections.abc import Callable
@@ -19,14 +19,14 @@ DIRECTIONS: dict[str, tuple[float, float, float]] = {
     "from behind": (0.0, 0.0, 1.0),
     "from below": (0.0, 1.0, 0.0),
 }
-"""Where wind blows to; left and right are those of somebody who looks at the face."""
+"""Directions of the wind; left and right are those of a viewer in front of the face."""
 
 
 def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], Edit]], None]") -> None:
     """Add the controls of wind.
 
     Args:
-        page: whose hair is blown.
+        page: the page whose hair is blown.
         do: carries out an edit, says so, and lists it.
     """
     gui = page.server.gui
@@ -40,7 +40,7 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
     changing = threading.Lock()
 
     def blow(event: "viser.GuiEvent") -> None:
-        # What the page itself has set needs no answer. Of many changes at once, each takes the newest settings.
+        # Ignore events that the page itself has caused. If many events arrive at once, each uses the newest settings.
         if event.client is None:
             return
         with changing:
