@@ -1,6 +1,6 @@
-"""A Ray cluster as an executor of tasks: one on this machine for the time of the batch, or one that is there already.
+"""Runs tasks on a Ray cluster: one on this machine for the duration of the batch, or an existing one.
 
-Ray reports nothing to anyone, and no dashboard is started.
+Ray's usage reports are off, and no dashboard is started.
 """
 
 import logging
@@ -18,9 +18,10 @@ from neural_strands.foundation.errors import InputError, reason
 
 GIGABYTE = 10**9
 STORE_BYTES = 10**8
-"""Memory that a cluster of this machine keeps for results of tasks, which are small; files go through folders."""
+"""Memory of a local cluster for results of tasks, bytes; they are small, because files are exchanged through
+folders."""
 SETTLE_SECONDS = 60.0
-"""How long stopped tasks may take to keep what they have."""
+"""Time that stopped tasks may take to save their state, seconds."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Lost:
     """A task whose worker or node has died.
 
     Attributes:
-        why: in a few words.
+        why: the reason, in a few words.
     """
 
     why: str
@@ -39,14 +40,14 @@ def cluster(address: str | None) -> Iterator["Cluster"]:
     """Join a cluster, or run one on this machine until the block ends.
 
     Args:
-        address: `auto` for the cluster that this machine belongs to, or HOST or HOST:PORT of its head; None for one
-            of this machine alone.
+        address: `auto` for the cluster that this machine belongs to, or HOST or HOST:PORT of its head; None for a local
+            one.
 
     Raises:
-        InputError: Ray is not installed, or there is no such cluster.
+        InputError: Ray is not installed, or the cluster does not exist.
     """
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    # Ray would otherwise say on import what later versions of it will do with GPUs of tasks that ask for none.
+    # Otherwise Ray prints a deprecation notice about GPUs of tasks that request none.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
         import ray
@@ -64,7 +65,7 @@ def cluster(address: str | None) -> Iterator["Cluster"]:
             "`ray start --head`, or leave out --address."
         ) from error
     try:
-        # Ray prints news of dead nodes to standard output, where results belong; the table says them in one line.
+        # Ray reports dead nodes on standard output, where results belong; the table shows them in one line.
         with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
             yield Cluster()
     finally:
@@ -79,27 +80,27 @@ class Cluster:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
         self._running: dict[Any, str] = {}
-        # On the node of this process, which the batch cannot outlive anyway.
+        # Run the board on the node of this process, which the batch cannot outlive anyway.
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         board: Any = ray.remote(_Board)
         self._board: Any = board.options(num_cpus=0, scheduling_strategy=here).remote()
 
     @property
     def cores(self) -> int:
-        """Processor cores of all nodes that live."""
+        """Number of processor cores of all live nodes."""
         import ray
 
         return max(1, int(ray.cluster_resources().get("CPU", 1)))
 
     def resolved(self, demands: Demands) -> Demands:
-        """The demands, with a GPU for whoever leaves that open where the cluster has any."""
+        """Fill in unspecified GPU demands: a GPU if the cluster has any."""
         import ray
 
         share = 1.0 if ray.cluster_resources().get("GPU", 0) >= 1 else 0.0
         return Demands(*(_with_gpu(each, share) for each in vars(demands).values()))
 
     def too_small_for(self, demand: Demand) -> str | None:
-        """What no node that lives has, in words; None if some node can run such a task."""
+        """Describe what every live node lacks for a task; None if some node can run it."""
         import ray
 
         wanted = {"CPU": demand.cores, "GPU": demand.gpu or 0.0, "memory": demand.memory * GIGABYTE}
@@ -116,12 +117,12 @@ class Cluster:
         """Hand a task to the cluster.
 
         Args:
-            name: of the subject; one task of a subject runs at a time.
-            task: what to do.
+            name: name of the subject; only one task of a subject runs at a time.
+            task: the task.
         """
         import ray
 
-        # A process of its own for every task: nothing of an earlier one is left in its memory, or on its GPU.
+        # Run every task in a new process, so that nothing of an earlier one remains in memory or on the GPU.
         remote: Any = ray.remote(max_calls=1)(_perform)
         ref = remote.options(
             num_cpus=task.demand.cores,
@@ -134,11 +135,11 @@ class Cluster:
 
     @property
     def handed_out(self) -> int:
-        """Tasks that have been submitted and have not ended."""
+        """Number of tasks that have been submitted and have not ended."""
         return len(self._running)
 
     def ended(self, seconds: float) -> list[tuple[str, Outcome | Lost]]:
-        """Tasks that have ended, after waiting so long at most for the first."""
+        """Tasks that have ended; waits at most `seconds` for the first."""
         import ray
 
         refs = list(self._running)
@@ -148,18 +149,18 @@ class Cluster:
         return [(self._running.pop(ref), _outcome(ref)) for ref in ready]
 
     def news(self) -> dict[str, str]:
-        """What tasks have reported since the last call, the latest of each subject."""
+        """The latest report of each subject's task since the last call."""
         import ray
         from ray.exceptions import RayError
 
         try:
             return ray.get(self._board.taken.remote(), timeout=10.0)
         except RayError:
-            # Progress is a courtesy: without the board the work goes on.
+            # Progress is optional: without the board the work continues.
             return {}
 
     def stop(self) -> None:
-        """End all tasks as Ctrl-C would, and wait a while for them to keep what they have."""
+        """Interrupt all tasks as Ctrl-C would, and wait for them to save their state."""
         import ray
 
         for ref in self._running:
@@ -169,7 +170,7 @@ class Cluster:
 
 
 class _Board:
-    """Takes the reports of tasks; lives in a process of its own."""
+    """Collects the reports of tasks, in a process of its own."""
 
     def __init__(self) -> None:
         self._latest: dict[str, str] = {}
@@ -183,7 +184,7 @@ class _Board:
 
 
 def _perform(task: Task, board: Any) -> Outcome:
-    """What a worker runs."""
+    """Perform a task in a worker."""
     from neural_strands.batch.task import perform
 
     return perform(task, lambda sentence: board.tell.remote(task.subject.name, sentence))

@@ -1,4 +1,4 @@
-"""What a batch keeps beside a subject's results: its settings, and a record of every stage that is done."""
+"""Files that a batch writes beside a subject's results: its settings, and a record of every completed stage."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -18,14 +18,14 @@ MOST_FIGURES = 100
 
 @dataclass(frozen=True)
 class StageRecord:
-    """How a stage went.
+    """The record of a completed stage.
 
     Attributes:
-        stage: which.
-        seconds: from its start to its end, in the attempt that finished it.
-        peak_bytes: largest memory of its process.
-        node: where it ran.
-        figures: what is worth a place in the summary.
+        stage: the stage.
+        seconds: duration of the attempt that completed it.
+        peak_bytes: peak memory of its process.
+        node: the node that ran it.
+        figures: figures for the summary.
     """
 
     stage: Stage
@@ -41,7 +41,7 @@ def record_name(stage: Stage) -> str:
 
 
 def write_record(store: Store, record: StageRecord) -> None:
-    """Write the record of a stage that is done.
+    """Write the record of a completed stage.
 
     Raises:
         InputError: the folder cannot be written to.
@@ -74,10 +74,10 @@ def read_record(store: Store, stage: Stage) -> StageRecord | None:
 
 
 def read_records(store: Store, subject: Subject) -> dict[Stage, StageRecord]:
-    """Records of the stages of a subject that are done, up to the first that is not.
+    """Read the records of a subject's completed stages, up to the first incomplete one.
 
     Raises:
-        InputError: a record is damaged, or what is there was made with other settings.
+        InputError: a record is damaged, or the results were made with other settings.
     """
     records: dict[Stage, StageRecord] = {}
     for stage in subject.stages:
@@ -85,7 +85,7 @@ def read_records(store: Store, subject: Subject) -> dict[Stage, StageRecord]:
         if record is None:
             break
         records[stage] = record
-    # Without a record nothing is built on other settings: each stage compares its inputs itself when it goes on.
+    # Without records there is nothing to check here: each stage compares its own inputs when it continues.
     if records:
         _check_same(store, subject)
     return records
@@ -106,7 +106,7 @@ def _check_same(store: Store, subject: Subject) -> None:
 
 
 def write_subject(store: Store, subject: Subject) -> None:
-    """Write the settings with which a subject begins.
+    """Write the settings of a subject that is about to start.
 
     Raises:
         InputError: the folder cannot be written to.

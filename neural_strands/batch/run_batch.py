@@ -1,4 +1,4 @@
-"""A batch from start to end: hand out stages, take what comes back, show how far it is, write the summary."""
+"""Runs a batch from start to end: submits stages, collects results, shows progress, and writes the summary."""
 
 import json
 from collections.abc import Callable
@@ -16,24 +16,25 @@ from neural_strands.batch.task import Task
 from neural_strands.foundation.errors import InputError
 
 BEGUN = "batch.json"
-"""File in OUT that says that a batch has begun there."""
+"""Name of the file in OUT that marks a batch that has started there."""
 RETRIES = 3
 LOOK_SECONDS = 1.0
-"""Between two looks at the tasks."""
+"""Interval between two checks of the tasks, seconds."""
 TASKS_A_CORE = 2
-"""Tasks in the cluster's hands for each of its cores: no node waits, and late stages still come before early ones."""
+"""Submitted tasks per core of the cluster: enough to keep every node busy, few enough for late stages to precede early
+ones."""
 
 
 @dataclass(frozen=True)
 class BatchRequest:
-    """What to do and where.
+    """What to run, and where.
 
     Attributes:
-        file: subjects and demands.
-        out: place of the results: a folder that every node sees under the same path, or a URL.
-        address: of a Ray cluster; None for one of this machine.
-        resume: go on with the batch in `out`.
-        retries: how often a stage is tried again after its worker or node has died.
+        file: the subjects and demands.
+        out: place of the results: a folder with the same path on all nodes, or a URL.
+        address: address of a Ray cluster; None for a local one.
+        resume: continue the batch in `out`.
+        retries: number of times that a stage is retried after its worker or node has died.
     """
 
     file: BatchFile
@@ -47,15 +48,15 @@ def run_batch(request: BatchRequest, show: Callable[[Plan], None], say: Callable
     """Take every subject through its stages.
 
     Args:
-        request: what to do.
+        request: what to run.
         show: receives the plan after every change, and about once a second.
-        say: receives sentences.
+        say: receives messages.
 
     Returns:
-        What has become of every subject.
+        The plan, with the results of all subjects.
 
     Raises:
-        InputError: there is no cluster, it is too small, or a batch is in `out` that is not to be resumed.
+        InputError: there is no cluster, it is too small, or `out` contains a batch that should not be resumed.
     """
     out = Store(request.out if is_remote(request.out) else str(Path(request.out).absolute()))
     begun = out.read(BEGUN, "the mark of a batch") is not None
@@ -82,7 +83,7 @@ def run_batch(request: BatchRequest, show: Callable[[Plan], None], say: Callable
 
 
 def _check_sizes(plan: Plan, nodes: Cluster, demands: Demands, waits: bool, say: Callable[[str], None]) -> None:
-    """Refuse, or where nodes may still join a cluster announce, demands that no node meets."""
+    """Refuse demands that no node meets; only warn if nodes may still join the cluster."""
     for stage in STAGES:
         if not any(stage in row.subject.stages for row in plan.rows.values()):
             continue
@@ -94,7 +95,7 @@ def _check_sizes(plan: Plan, nodes: Cluster, demands: Demands, waits: bool, say:
 
 
 def _follow(plan: Plan, nodes: Cluster, out: str, demands: Demands, show: Callable[[Plan], None]) -> None:
-    """The loop: until nothing runs and nothing can."""
+    """Submit and collect tasks until the plan is over."""
     while not plan.over:
         while nodes.handed_out < TASKS_A_CORE * nodes.cores and (row := plan.next()) is not None:
             stage = row.stage
@@ -114,7 +115,7 @@ def _follow(plan: Plan, nodes: Cluster, out: str, demands: Demands, show: Callab
 
 
 def figures(plan: Plan, out: str) -> dict[str, Any]:
-    """What `--json` prints: of every subject the stages that are done, with figures, and its failure if it has one."""
+    """The output of `--json`: each subject's completed stages with figures, and its failure, if any."""
     rows = {
         name: {
             "failure": row.failure,

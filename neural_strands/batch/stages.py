@@ -1,4 +1,4 @@
-"""What each stage of a subject does: calls of the functions that the commands of the same names call."""
+"""The stages of a subject; they call the same functions as the commands of the same names."""
 
 import json
 import math
@@ -36,18 +36,18 @@ from neural_strands.runs.run_fit import FitRequest, run_fit
 CAPTURE, SEGMENTS, STEREO, RUN, EVALUATION = "capture", "segments.npz", "lmvs", "run", "figures.json"
 """Names in the folder of a subject."""
 THUMBNAIL_WIDTH = 480
-"""Of the small picture of photograph, strands and rendering, pixels."""
+"""Width of the thumbnail of photograph, strands and rendering, pixels."""
 
 
 @dataclass(frozen=True)
 class StageWork:
-    """What a stage works on.
+    """The inputs of a stage.
 
     Attributes:
-        subject: whose.
-        folder: the subject's folder, here.
+        subject: the subject.
+        folder: local copy of the subject's folder.
         device: where to compute.
-        feedback: receives sentences and progress.
+        feedback: receives messages and progress.
     """
 
     subject: Subject
@@ -56,7 +56,7 @@ class StageWork:
     feedback: Feedback
 
     def input(self, place: str, name: str) -> Path:
-        """A file or folder of the user's, here.
+        """Local path of a file or folder of the user's, which is fetched if it is remote.
 
         Raises:
             InputError: it cannot be fetched.
@@ -64,22 +64,22 @@ class StageWork:
         return fetched(place, self.folder / INPUTS / name)
 
     def optional(self, place: str | None) -> Path | None:
-        """A file or folder of the user's, here, if one is named."""
+        """Like `input`, for a place that may be None."""
         return None if place is None else self.input(place, place.rstrip("/").rpartition("/")[2])
 
     def capture(self) -> Path:
-        """The capture: the user's own, or the one that `prepare` made."""
+        """Folder of the capture: the user's own, or the result of `prepare`."""
         subject = self.subject
         return self.input(subject.source, CAPTURE) if subject.prepared else self.folder / CAPTURE
 
     def segments(self) -> Path:
-        """Line segments: the user's own, or those that `lmvs` made."""
+        """File of line segments: the user's own, or the result of `lmvs`."""
         given = self.optional(self.subject.segments)
         return self.folder / SEGMENTS if given is None else given
 
 
 def prepare_subject(work: StageWork) -> dict[str, float]:
-    """Photographs to a capture."""
+    """Make a capture from photographs."""
     options = work.subject.prepare
     distance = None if options.pupil_distance is None else 0.001 * options.pupil_distance
     request = PrepareRequest(
@@ -101,7 +101,7 @@ def prepare_subject(work: StageWork) -> dict[str, float]:
 
 
 def find_subject_segments(work: StageWork) -> dict[str, float]:
-    """Line segments of the training views."""
+    """Reconstruct line segments from the training views."""
     config = work.subject.config
     capture = Capture.load(work.capture())
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
@@ -111,20 +111,20 @@ def find_subject_segments(work: StageWork) -> dict[str, float]:
     stereo = work.folder / STEREO
     segments = find_segments(seen, find_head(capture), config, stereo, work.feedback.track, work.device)
     save_segments(work.folder / SEGMENTS, segments, segments_source(seen, config))
-    # Finished views are of use to a stopped run alone, and larger than all results together.
+    # Finished views are only useful to a stopped run, and larger than all results together.
     shutil.rmtree(stereo, ignore_errors=True)
     return {"points": float(len(segments))}
 
 
 def fit_subject(work: StageWork) -> dict[str, float]:
-    """The fit, from its last checkpoint if there is one."""
+    """Fit the capture, from the last checkpoint if there is one."""
     request = FitRequest(work.capture(), work.folder / RUN, segments=work.segments(), resume=True)
     state = run_fit(request, work.subject.config, work.device, work.feedback)
     return {"strands": float(len(state.drawn)), "steps": float(state.step)}
 
 
 def evaluate_subject(work: StageWork) -> dict[str, float]:
-    """The report of the fit, and its figures in `figures.json`."""
+    """Write the report of the fit, and its figures to `figures.json`."""
     work.capture()
     run = open_run(work.folder / RUN, work.device)
     result = evaluate_run(run, work.device)
@@ -142,18 +142,18 @@ WORK: Mapping[Stage, Callable[[StageWork], dict[str, float]]] = {
     "fit": fit_subject,
     "evaluate": evaluate_subject,
 }
-"""The stages: each returns figures for the summary."""
+"""The function of each stage, which returns figures for the summary."""
 NEEDED: Mapping[Stage, tuple[str, ...]] = {
     "prepare": (CAPTURE,),
     "lmvs": (CAPTURE, STEREO),
     "fit": (CAPTURE, SEGMENTS, RUN),
     "evaluate": (CAPTURE, RUN),
 }
-"""Beginnings of the names of the files in a subject's folder that a stage reads."""
+"""Prefixes of the files in a subject's folder that a stage reads."""
 
 
 def spared(stage: Stage) -> str | None:
-    """Beginning of the names of files among them that the stage does not read: there are many."""
+    """Prefix of the many files among them that the stage does not read, if any."""
     return None if stage == "prepare" else f"{CAPTURE}/{PREPARATION}/"
 
 

@@ -1,6 +1,6 @@
-"""Folders here or in an object store: whole files are read and written, and a task works on a copy of a remote folder.
+"""Local folders and folders in an object store: whole files are read and written, and tasks work on local copies.
 
-A place is the path of a folder or file, or a URL that fsspec understands, such as `s3://bucket/folder`.
+A place is a local path, or a URL that fsspec understands, such as `s3://bucket/folder`.
 """
 
 import re
@@ -18,13 +18,14 @@ from neural_strands.foundation.input_files import is_file_path, read_bytes
 
 URL = re.compile(r"[a-z][a-z0-9+.-]+://.+")
 UPLOAD_SECONDS = 300.0
-"""Between two uploads while a task works: what a dead node costs at most. Checkpoints are large (docs/batch.md)."""
+"""Interval between uploads while a task works, seconds: at most this much work is lost with a node. Checkpoints are
+large (docs/batch.md)."""
 PATIENCE = 120.0
-"""Seconds to wait until the process of a lost task, which may live on for a while, lets go of a folder."""
+"""Time to wait until the process of a lost task, which may survive for a while, releases a folder, seconds."""
 INPUTS = "inputs"
-"""Folder, in that of a subject, of copies of remote inputs; never uploaded."""
+"""Name of the folder, in a subject's folder, for copies of remote inputs; never uploaded."""
 LARGEST_RECORD = 2**24
-"""Bytes of the largest file that is read into memory."""
+"""Largest file that is read into memory, bytes."""
 
 
 def is_remote(place: str) -> bool:
@@ -34,7 +35,7 @@ def is_remote(place: str) -> bool:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder here or in an object store.
+    """A local folder, or one in an object store.
 
     Attributes:
         place: path or URL of the folder.
@@ -44,15 +45,15 @@ class Store:
 
     @property
     def local(self) -> Path | None:
-        """The folder, if it is here."""
+        """The folder's path, if it is local."""
         return None if is_remote(self.place) else Path(self.place)
 
     def child(self, name: str) -> "Store":
-        """A folder in this one."""
+        """A folder inside this one."""
         return Store(f"{self.place.rstrip('/')}/{name}" if is_remote(self.place) else str(Path(self.place) / name))
 
     def read(self, name: str, what: str) -> bytes | None:
-        """Content of a file, or None if there is no such file.
+        """Read a file; None if it does not exist.
 
         Raises:
             InputError: the file cannot be read.
@@ -65,10 +66,10 @@ class Store:
             return files.cat_file(path) if files.exists(path) else None
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file, whole or not at all.
+        """Write a file atomically.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         if self.local is not None:
             with atomic_file(self.local / name) as temporary:
@@ -98,7 +99,7 @@ class Store:
                 files.get([f"{root}/{name}" for name in wanted], [str(folder / name) for name in wanted])
 
     def upload(self, folder: Path, names: Sequence[str]) -> None:
-        """Copy files of a folder here into the remote one.
+        """Copy files of a local folder into the remote one.
 
         Raises:
             InputError: the store cannot be written to.
@@ -119,14 +120,14 @@ class Store:
 
 
 def fetched(place: str, target: Path) -> Path:
-    """A file or folder here: a local place itself, or a copy of a remote one, made once.
+    """Local path of a place: the place itself, or a copy of a remote one, made once.
 
     Args:
         place: path or URL.
-        target: where the copy goes.
+        target: path of the copy.
 
     Raises:
-        InputError: nothing is there, or it cannot be read.
+        InputError: the place does not exist or cannot be read.
     """
     if not is_remote(place):
         return Path(place)
@@ -146,15 +147,15 @@ def fetched(place: str, target: Path) -> Path:
 
 @contextmanager
 def workspace(store: Store, fetch: Iterable[str], without: str | None) -> Iterator[Path]:
-    """Yield the folder here in which a task works on `store`, which no other task may do meanwhile.
+    """Yield the local folder in which a task works on `store`, locked against other tasks.
 
-    A local folder is worked on in place. Of a remote one a copy is made; what changes in it is uploaded every
-    `UPLOAD_SECONDS` and at the end, however the task ends, so that another node can go on from there.
+    A local folder is used in place. A remote one is copied; changes are uploaded every `UPLOAD_SECONDS` and at the end,
+    however the task ends, so that another node can continue from there.
 
     Args:
         store: the folder.
-        fetch: beginnings of the names of the files that the task needs.
-        without: beginning of the names of files among them that it does not need.
+        fetch: prefixes of the files that the task needs.
+        without: prefix of files among them that it does not need.
 
     Raises:
         InputError: the folder cannot be read or written to, or another process keeps writing to it.
@@ -172,7 +173,7 @@ def workspace(store: Store, fetch: Iterable[str], without: str | None) -> Iterat
 
 
 class _Uploads:
-    """Keeps a remote folder like its copy here."""
+    """Synchronises a remote folder with its local copy."""
 
     def __init__(self, store: Store, folder: Path) -> None:
         self._store, self._folder = store, folder
@@ -190,7 +191,7 @@ class _Uploads:
 
     def _keep(self) -> None:
         while not self._ended.wait(UPLOAD_SECONDS):
-            # A store that does not answer now may do so at the next or at the last upload, which does raise.
+            # A store that does not answer now may do so at a later upload; the last one raises.
             try:
                 self._upload()
             except InputError:
@@ -199,13 +200,13 @@ class _Uploads:
     def _upload(self) -> None:
         now = self._listed()
         changed = [name for name, state in now.items() if self._known.get(name) != state]
-        # In the order of writing, so that what is there at any moment has been there at some moment.
+        # Upload in the order of writing, so that the remote folder is always a past state of the local one.
         self._store.upload(self._folder, sorted(changed, key=lambda name: now[name][1]))
         self._store.remove([name for name in self._known if name not in now])
         self._known = now
 
     def _listed(self) -> dict[str, tuple[int, int]]:
-        """Size and time of every file, by name; inputs, locks and unfinished files are left out."""
+        """Size and modification time of every file, by name, except inputs, locks and unfinished files."""
         found = {}
         for path in self._folder.rglob("*"):
             parts = path.relative_to(self._folder).parts
@@ -222,7 +223,7 @@ class _Uploads:
 
 @contextmanager
 def _remote(place: str) -> Iterator[tuple[Any, str]]:
-    """The file system of a URL and the path in it; whatever a store complains about becomes one sentence."""
+    """The file system of a URL and the path in it; errors of the store become InputErrors."""
     try:
         import fsspec
     except ImportError as error:
@@ -231,13 +232,13 @@ def _remote(place: str) -> Iterator[tuple[Any, str]]:
         ) from error
     try:
         files, root = fsspec.core.url_to_fs(place)
-        # Listings of an earlier moment do not show what other nodes have written.
+        # Cached listings do not show what other nodes have written.
         files.invalidate_cache()
         yield files, root.rstrip("/")
     except InputError:
         raise
     except Exception as error:
-        # Every store has errors of its own; they share no class but this.
+        # Every store raises its own errors, which have no other common class.
         raise InputError(
             f"{place}: expected a place that can be read and written, found none ({reason(error)}); check the address, "
             "the credentials, and that the store's package is installed."

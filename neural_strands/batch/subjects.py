@@ -1,4 +1,4 @@
-"""The subjects of a batch, and what each stage may use of a machine, from a TOML file."""
+"""Reads the subjects of a batch, and the resources of each stage, from a TOML file."""
 
 import re
 from collections.abc import Mapping
@@ -14,9 +14,9 @@ from neural_strands.foundation.json_files import JsonValue
 
 Stage = Literal["prepare", "lmvs", "fit", "evaluate"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
-"""In the order in which a subject goes through them."""
+"""All stages, in order."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-"""Names of subjects: folders are named after them, on any system and in any object store."""
+"""Valid names of subjects, which are also names of folders on any system and in any object store."""
 MOST_SUBJECTS = 100_000
 ADVICE = "fix the file"
 
@@ -30,31 +30,31 @@ class PrepareSettings:
     landmarks: str | None = None
     """Landmarks set by hand."""
     masks: str | None = None
-    """A folder with masks of the hair, named as the photographs."""
+    """A folder with masks of the hair, named like the photographs."""
     template: str | None = None
     """Head to fit to the person."""
     scalp: str | None = None
     """The template's scalp."""
     detector: str | None = None
-    """A Python on every node that has the package mediapipe, if the one that runs the tasks has not."""
+    """A Python on every node that has the package mediapipe, if the one that runs the tasks does not."""
     scale: Annotated[float, Between(1e-6, 1e6)] | None = None
-    """Metres in one unit of the cameras."""
+    """Metres per unit of the cameras."""
     pupil_distance: Annotated[float, Between(40, 85)] | None = None
     """Millimetres between the person's pupils."""
     longest_side: Annotated[int, Between(256, 16384)] = 2048
-    """Larger photographs are made this many pixels long."""
+    """Longer side to which larger photographs are reduced, pixels."""
     frames: Annotated[int, Between(3, 2000)] = 80
-    """Frames to take of a video."""
+    """Number of frames to take from a video."""
     bend: bool = True
-    """Bend the template to the person's face and outline."""
+    """Deform the template to fit the person's face and outline."""
 
 
 @dataclass(frozen=True)
 class Demand:
-    """What a task needs of a node: Ray starts it only where this much is free."""
+    """Resources that a task needs: Ray starts it only on a node where they are free."""
 
     cores: Annotated[int, Between(1, 1024)] = 2
-    """Processor cores, and threads of the task: figures depend on the number in their last bits."""
+    """Number of processor cores, and of the task's threads; the last bits of figures depend on it."""
     gpu: Annotated[float, Between(0, 1)] | None = None
     """Share of a GPU: 0.5 lets two tasks share one. None: a whole one if the cluster has any, otherwise none."""
     memory: Annotated[float, Between(0.1, 10_000)] = 3.0
@@ -63,7 +63,7 @@ class Demand:
 
 @dataclass(frozen=True)
 class Demands:
-    """What the tasks of each stage need."""
+    """Resources that the tasks of each stage need."""
 
     prepare: Demand = field(default_factory=lambda: Demand(gpu=0.0))
     lmvs: Demand = field(default_factory=Demand)
@@ -71,7 +71,7 @@ class Demands:
     evaluate: Demand = field(default_factory=Demand)
 
     def of(self, stage: Stage) -> Demand:
-        """The demand of one stage."""
+        """The demand of a stage."""
         return getattr(self, stage)
 
 
@@ -80,12 +80,12 @@ class Subject:
     """One person to reconstruct.
 
     Attributes:
-        name: also of the subject's folder in OUT.
+        name: name of the subject, and of its folder in OUT.
         source: folder of photographs, video, or folder of a capture; absolute, or a URL.
         prepared: whether `source` is a capture.
-        config: resolved settings of the fit.
+        config: complete settings of the fit.
         prepare: options of the preparation.
-        segments: file of line segments of the training views, if there are any already.
+        segments: file of line segments of the training views, if they exist already.
     """
 
     name: str
@@ -97,12 +97,12 @@ class Subject:
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """The stages that the subject goes through."""
+        """The stages that the subject needs."""
         spared = {"prepare": self.prepared, "lmvs": self.segments is not None}
         return tuple(stage for stage in STAGES if not spared.get(stage, False))
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything that the results depend on, as JSON has it."""
+        """Everything that the results depend on, as JSON values."""
         return asdict(self)
 
 
@@ -111,8 +111,8 @@ class BatchFile:
     """Contents of a file of subjects.
 
     Attributes:
-        subjects: in the file's order.
-        demands: of the stages.
+        subjects: the subjects, in the order of the file.
+        demands: resources of the stages.
     """
 
     subjects: tuple[Subject, ...]
@@ -122,10 +122,10 @@ class BatchFile:
 def read_subjects(path: Path) -> BatchFile:
     """Read a file of subjects.
 
-    Relative paths in it start at its folder.
+    Relative paths in it are relative to its folder.
 
     Raises:
-        InputError: the file cannot be read, or is wrong somewhere; whether the photographs exist is not looked at.
+        InputError: the file cannot be read or is malformed; whether photographs exist is not checked.
     """
     document = read_settings(path)
     known = ("subjects", "defaults", "resources")
@@ -145,7 +145,7 @@ def read_subjects(path: Path) -> BatchFile:
     taken: set[str] = set()
     subjects = []
     for name, table in listed.items():
-        # Some file systems do not tell bob from Bob.
+        # Some file systems do not distinguish bob from Bob.
         if NAME.fullmatch(name) is None or name.endswith(".") or name.lower() in taken:
             raise replace(table, value=name).refuse(
                 "a name of its own of at most 100 letters, digits, dots, underscores and hyphens"
@@ -190,12 +190,12 @@ def _path(written: JsonValue) -> str:
 
 
 def _place(text: str, folder: Path) -> str:
-    """An absolute path, or a URL as it is."""
+    """An absolute path, or an unchanged URL."""
     return text if is_remote(text) else str(folder / text)
 
 
 def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Two nested tables: what `over` says nothing about stays as in `base`."""
+    """Merge two nested tables; values that `over` lacks are those of `base`."""
     both = dict(base)
     for name, value in over.items():
         nested = isinstance(value, dict) and isinstance(both.get(name), dict)

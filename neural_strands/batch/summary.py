@@ -1,4 +1,4 @@
-"""The page about a batch, OUT/index.html: figures and a small picture of every subject, and who failed and why."""
+"""The page about a batch, OUT/index.html: figures and a thumbnail of every subject, and failures with reasons."""
 
 import tempfile
 from pathlib import Path
@@ -11,7 +11,7 @@ from neural_strands.evaluation.page import Gallery, Table, write_page
 
 PAGE, THUMBNAIL = "index.html", "thumbnail.png"
 MOST_THUMBNAILS = 200
-"""Small pictures on the page: beyond that it would load slowly."""
+"""Largest number of thumbnails; with more, the page would load slowly."""
 REPORT = "run/report/index.html"
 FIGURES = {
     "held_out_views.psnr": "PSNR, dB",
@@ -22,7 +22,7 @@ FIGURES = {
     "unseen_strands_percent": "unseen, %",
     "strands.2mm/20deg.f_score": "F at 2 mm, %",
 }
-"""Figures of an evaluation that the summary shows: where they stand in it, and their heads."""
+"""Figures of an evaluation that the summary shows: their paths in it, and their column heads."""
 
 
 def write_summary(out: Store, plan: Plan) -> None:
@@ -56,7 +56,7 @@ def _failures(rows: list[Row]) -> Table:
 
 
 def _figures(rows: list[Row]) -> Table:
-    """Figures of the evaluation; a subject that has come this far leads to its report."""
+    """Figures of the evaluation; evaluated subjects link to their reports."""
     cells, links = [], []
     for row in rows:
         record = row.records.get("evaluate")

@@ -1,4 +1,4 @@
-"""The progress of a batch on standard error: a table that is drawn anew, or a line for every change."""
+"""The progress of a batch on standard error: a table that is redrawn, or a line for every change."""
 
 import sys
 import time
@@ -14,17 +14,17 @@ from neural_strands.batch.plan import Plan, Row
 from neural_strands.batch.subjects import STAGES, Stage
 
 MOST_ROWS = 40
-"""Rows that a terminal shows: what runs or has failed first."""
+"""Largest number of rows on a terminal; running and failed subjects come first."""
 LINE_SECONDS = 60.0
-"""Between two lines about the whole where there is no terminal."""
+"""Interval between two lines about the whole batch without a terminal, seconds."""
 
 
 @contextmanager
 def shown(terminal: bool | None = None) -> Iterator[Callable[[Plan], None]]:
-    """Yield what shows a plan.
+    """Yield a function that shows a plan.
 
     Args:
-        terminal: whether a table can be redrawn; None looks whether standard error is a terminal.
+        terminal: whether a table can be redrawn; None tests whether standard error is a terminal.
     """
     if not (sys.stderr.isatty() if terminal is None else terminal):
         yield _Lines()
@@ -47,7 +47,7 @@ def table(plan: Plan) -> Table:
 
 
 def state(row: Row, stage: Stage) -> str:
-    """One cell: the time of a stage that is done, or how it stands."""
+    """One cell: the time of a completed stage, or its state."""
     if stage not in row.subject.stages:
         return "given"
     if stage in row.records:
@@ -58,7 +58,7 @@ def state(row: Row, stage: Stage) -> str:
 
 
 def whole(plan: Plan) -> str:
-    """How far all subjects are, in one line."""
+    """The progress of all subjects in one line."""
     rows = plan.rows.values()
     done = sum(row.stage is None for row in rows)
     running = sum(row.running for row in rows)
@@ -73,7 +73,7 @@ def duration(seconds: float) -> str:
 
 
 class _Lines:
-    """Tells of each change once, and of the whole once a minute."""
+    """Reports each change once, and the whole batch once a minute."""
 
     def __init__(self) -> None:
         self._told: dict[str, tuple[int, int, str]] = {}

@@ -1,4 +1,4 @@
-"""One stage of one subject, as a node does it: in its folder, on its device, with every failure made one sentence."""
+"""Performs one stage of one subject on a node: in its folder, on its device; every failure becomes one sentence."""
 
 import platform
 import sys
@@ -24,11 +24,11 @@ class Task:
     """What a node is asked to do.
 
     Attributes:
-        subject: whose turn it is.
-        stage: which.
+        subject: the subject.
+        stage: the stage.
         out: place of the batch.
-        demand: what the node lends to it; `gpu` is resolved.
-        version: of the program that asks.
+        demand: resources of the node for it; `gpu` is set.
+        version: version of the program that submits it.
     """
 
     subject: Subject
@@ -40,11 +40,11 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a task.
+    """The result of a task.
 
     Attributes:
-        record: of the stage, if it is done.
-        failure: one sentence, if it cannot be done.
+        record: record of the stage, if it was completed.
+        failure: one sentence, if it failed, else empty.
     """
 
     record: StageRecord | None = None
@@ -52,7 +52,7 @@ class Outcome:
 
 
 def perform(task: Task, tell: Callable[[str], None]) -> Outcome:
-    """Do a task; bad input and faults of the program fail this task alone.
+    """Perform a task; bad input and errors of the program fail only this task.
 
     Args:
         task: what to do.
@@ -87,13 +87,13 @@ def _done(task: Task, store: Store, tell: Callable[[str], None]) -> StageRecord:
         figures = WORK[stage](StageWork(subject, folder, device, _feedback(tell)))
     seconds = round(time.monotonic() - began, 1)
     record = StageRecord(stage, seconds, peak_bytes(), platform.node(), figures)
-    # The last thing that is written: a stage with a record is done.
+    # The record is written last: a stage with a record is complete.
     write_record(store, record)
     return record
 
 
 def _device(demand: Demand) -> Any:
-    """The device of a task, with as many threads as it may use cores."""
+    """Select the device of a task, and limit its threads to its cores."""
     import torch
 
     torch.set_num_threads(demand.cores)
@@ -101,13 +101,13 @@ def _device(demand: Demand) -> Any:
         return torch.device("cpu")
     if not torch.cuda.is_available():
         raise InputError(f"{platform.node()}: expected a CUDA device, found none; set the stage's gpu to 0.")
-    # Ray shows a task only the GPUs that it may use.
+    # Ray makes only the task's own GPUs visible.
     torch.cuda.set_device(0)
     return torch.device("cuda", 0)
 
 
 def peak_bytes() -> int:
-    """Largest memory that this process has had; 0 where the system does not say."""
+    """Peak memory of this process, bytes; 0 if the system does not report it."""
     try:
         import resource
     except ImportError:
@@ -117,7 +117,7 @@ def peak_bytes() -> int:
 
 
 def _feedback(tell: Callable[[str], None]) -> Feedback:
-    """Reports of a stage, with loops told every few seconds."""
+    """Feedback that reports messages, and the progress of loops every few seconds."""
 
     def track(items: Iterable[Any], description: str, total: int | None = None) -> Iterator[Any]:
         told = time.monotonic()

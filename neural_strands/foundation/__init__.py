@@ -1,1 +1,1 @@
-"""What every layer builds on: errors for users, safe files, progress, kernel launches."""
+"""Foundations of all layers: errors for users, safe files, progress, kernel launches."""

@@ -1,4 +1,4 @@
-"""Config dataclasses from JSON or TOML: every field is checked for its type and, where it has them, for its bounds."""
+"""Reads config dataclasses from JSON or TOML; every field is checked for its type and for its bounds, if it has any."""
 
 import dataclasses
 import difflib
@@ -15,10 +15,10 @@ from neural_strands.foundation.input_files import read_text
 from neural_strands.foundation.json_files import JsonValue, read_json
 
 LONGEST_TUPLE = 64
-"""Most elements of a tuple that declares no bounds of its own."""
+"""Largest number of elements of a tuple without bounds of its own."""
 
 LARGEST_FILE = 2**20
-"""Bytes of the largest file of settings."""
+"""Largest file of settings, bytes."""
 
 C = TypeVar("C")
 
@@ -37,23 +37,23 @@ class Between:
 
 
 ANY_INTEGER = Between(-(2**63), 2**63 - 1)
-"""What a whole number may be that declares no bounds."""
+"""Bounds of an integer that declares none."""
 ANY_FLOAT = Between(-math.inf, math.inf)
-"""What a float may be that declares no bounds; it is finite in any case."""
+"""Bounds of a float that declares none; it must be finite in any case."""
 
 
 def config_from_json(base: C | type[C], written: JsonValue) -> C:
     """Rebuild a config dataclass, nested ones included, from `dataclasses.asdict` after a round trip through JSON.
 
-    A field that the document does not have keeps its value in `base`, or takes its default.
+    A field that is missing in the document keeps its value in `base`, or takes its default.
 
     Args:
-        base: the dataclass, or an instance whose values stay where the document says nothing. Fields are booleans,
-            numbers, texts, literals, tuples, dataclasses, or one of these or None.
+        base: the dataclass, or an instance that provides values missing in the document. Fields are booleans, numbers,
+            texts, literals, tuples, dataclasses, or one of these or None.
         written: the document or a part of it.
 
     Raises:
-        InputError: a field that the dataclass does not have, or a value of another type or beyond its bounds.
+        InputError: a field does not exist, or a value has the wrong type or is out of bounds.
     """
     kind = cast(Any, base if isinstance(base, type) else type(base))
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -73,17 +73,17 @@ def check_config(config: object, source: str) -> None:
     """Refuse a config, made in Python, with a value of the wrong type or out of bounds.
 
     Raises:
-        InputError: one sentence that names `source` and the first setting that is wrong.
+        InputError: a setting is wrong; the message names `source` and the first such setting.
     """
     written = JsonValue(_plain(dataclasses.asdict(cast(Any, config))), source, advice="give another value")
     config_from_json(type(config), written)
 
 
 def check_field(hint: Any, value: object, source: str) -> None:
-    """Refuse a value of another type than a field declares, or beyond its bounds.
+    """Refuse a value that does not have a field's type or is out of its bounds.
 
     Raises:
-        InputError: one sentence that names `source`.
+        InputError: the value is wrong; the message names `source`.
     """
     _value(hint, JsonValue(_plain(value), source, advice="give another value"))
 
@@ -104,14 +104,14 @@ def read_settings(path: Path) -> JsonValue:
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON would hold it."""
+    """Convert a value to its JSON representation."""
     if isinstance(value, dict):
         return {name: _plain(each) for name, each in value.items()}
     return [_plain(each) for each in value] if isinstance(value, tuple) else value
 
 
 def _value(hint: Any, written: JsonValue, bounds: Between | None = None, base: Any = None) -> Any:
-    """Take a value of the type that a field declares; `base` is the nested config that it changes, if any."""
+    """Read a value of the type that a field declares; `base` is the nested config to update, if any."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Annotated:
         declared = next((extra for extra in arguments[1:] if isinstance(extra, Between)), bounds)

@@ -1,11 +1,11 @@
-"""The one error a user is meant to read, and how it quotes what it found."""
+"""The error that users see, and helpers that quote what was found."""
 
 import reprlib
 
 LONGEST_EXCERPT = 80
-"""Letters of a file's content that a message quotes at most."""
+"""Largest number of characters of a file's content that a message quotes."""
 LONGEST_REASON = 160
-"""Letters of another library's complaint that a message repeats at most."""
+"""Largest number of characters of another library's error that a message repeats."""
 
 
 class InputError(Exception):
@@ -33,14 +33,14 @@ class _Short(reprlib.Repr):
 
 
 def excerpt(content: object) -> str:
-    """Quote what a file holds: one short line of printable letters, whatever the content."""
+    """Quote the content of a file as one short line of printable characters."""
     if isinstance(content, str | bytes):
         content = content[: LONGEST_EXCERPT + 1]
     return _cut(_Short().repr(content), LONGEST_EXCERPT)
 
 
 def reason(error: BaseException) -> str:
-    """Repeat why something failed: one short line of printable letters, or the error's name where it says nothing."""
+    """Quote an error as one short line of printable characters, or its class name if it has no message."""
     said = (error.strerror if isinstance(error, OSError) else None) or str(error)
     line = " ".join(said[: 10 * LONGEST_REASON].split())
     printable = "".join(letter if letter.isprintable() else "?" for letter in line)

@@ -1,4 +1,4 @@
-"""Files that are either whole or absent: write beside the target, then rename."""
+"""Atomic writes: files and folders are written beside their target, then renamed."""
 
 import io
 import json
@@ -13,16 +13,16 @@ from typing import Any
 from neural_strands.foundation.errors import InputError, reason
 
 LEFTOVER = re.compile(r"\..+\.[0-9a-f]{8}(?:\.old|\.[A-Za-z0-9]+)?")
-"""Names of what `atomic_file` and `atomic_folder` write before they rename it."""
+"""Names of temporary files and folders of `atomic_file` and `atomic_folder`."""
 LOCK = ".in_use"
-"""The file in a folder that whoever writes to it holds locked."""
+"""Name of the lock file in a folder that is being written to."""
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`, renamed onto it when the block ends without an error.
 
-    The suffix is kept, because many writers choose their format by it.
+    The temporary path has the same suffix, because many writers choose their format by it.
 
     Raises:
         InputError: the folder cannot be created or written to.
@@ -35,7 +35,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed.") from error
     finally:
-        # Where the folder itself could not be made there is nothing to remove.
+        # If the folder could not be created, there is nothing to remove.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
@@ -51,7 +51,7 @@ def write_json(path: Path, document: Any) -> None:
 
 
 def tensor_bytes(content: object) -> memoryview:
-    """What `torch.save` writes, in memory: torch's own writer says RuntimeError, not OSError, when the disk is full."""
+    """Run `torch.save` in memory: its file writer raises RuntimeError, not OSError, if the disk is full."""
     import torch
 
     buffer = io.BytesIO()
@@ -83,12 +83,12 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def sole_writer(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """Let no other process write to a folder, and remove what one that was killed left unfinished in it.
+    """Lock a folder against other writers, and remove unfinished files of killed processes.
 
-    The system frees the lock when its process ends, however it ends.
+    The operating system releases the lock when the process ends, however it ends.
 
     Args:
-        folder: made if it is absent.
+        folder: the folder; created if it does not exist.
         patience: seconds to wait for another process to end.
 
     Raises:
@@ -112,20 +112,20 @@ def sole_writer(folder: Path, patience: float = 0.0) -> Iterator[None]:
         remove_leftovers(folder)
         yield
     finally:
-        # Windows removes no open file; one that stays does no harm, for it is the lock that counts.
+        # Windows cannot remove an open file. A remaining file does no harm, because only the lock on it counts.
         with suppress(OSError):
             (folder / LOCK).unlink()
         lock.release()
         with suppress(OSError):
-            # Folders that nothing came of go again; others are not empty, and stay.
+            # Remove folders that were created but stayed empty.
             for path in absent:
                 path.rmdir()
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what `atomic_file` and `atomic_folder` had not finished in a folder when their process was killed.
+    """Remove temporary files of `atomic_file` and `atomic_folder` whose process was killed.
 
-    Only for whoever is the sole writer: what another process is writing looks the same.
+    Only for the sole writer of a folder: files that another process is writing look the same.
     """
     for path in folder.iterdir():
         if LEFTOVER.fullmatch(path.name):

@@ -1,4 +1,4 @@
-"""What an image's header says, before anything is decoded: a small file can unpack to gigabytes."""
+"""Reads the size of an image from its header before decoding: a small file can unpack to gigabytes."""
 
 import warnings
 from pathlib import Path
@@ -9,19 +9,19 @@ from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.input_files import check_file
 
 MOST_PIXELS = 160_000_000
-"""Pixels of the largest image that is read: more than any camera's sensor has."""
+"""Largest number of pixels of an image that is read; more than any camera's sensor has."""
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of an image in pixels, as it is stored; orientation tags change nothing.
+    """Width and height of an image in pixels, as stored; orientation tags are ignored.
 
     Raises:
-        InputError: the file cannot be read, is no image, or claims more than `MOST_PIXELS`.
+        InputError: the file cannot be read, is not an image, or claims more than `MOST_PIXELS`.
     """
     check_file(path, "an image")
     try:
         with warnings.catch_warnings():
-            # From half of its own limit on, Pillow warns.
+            # Pillow warns from half of its own limit on.
             warnings.simplefilter("ignore")
             with Image.open(path) as image:
                 width, height = image.size
@@ -30,7 +30,7 @@ def image_size(path: Path) -> tuple[int, int]:
             f"{path}: expected an image of at most {MOST_PIXELS} pixels, found even more; resize it."
         ) from error
     except Exception as error:
-        # Each of Pillow's readers has errors of its own.
+        # Each of Pillow's readers raises its own errors.
         raise InputError(
             f"{path}: expected an image such as PNG or JPEG, found something else ({reason(error)}); export it again."
         ) from error

@@ -1,4 +1,4 @@
-"""Whole files as bytes or text; whatever keeps a file from being read is one sentence."""
+"""Reads whole files as bytes or text; every failure is an InputError."""
 
 import stat
 import unicodedata
@@ -7,13 +7,14 @@ from pathlib import Path, PurePosixPath
 from neural_strands.foundation.errors import InputError, reason
 
 LARGEST_FILE = 2**32
-"""Bytes of the largest file that is read at once, unless the caller allows less."""
+"""Default size of the largest file that is read at once, bytes."""
 LONGEST_PATH = 1000
-"""Letters of a path that a file may name; systems take some 4000 bytes."""
+"""Longest path that a file may name, characters; operating systems accept about 4000 bytes."""
 REFUSED_LETTERS = {"Cc", "Cs", "Zl", "Zp"}
-"""Unicode categories of control characters, halves of a letter and line separators."""
+"""Unicode categories of control characters, surrogates and line separators."""
 LONGEST_NAME = 240
-"""Bytes of a file's or folder's name: systems take 255, and names of masks are longer than those of images."""
+"""Longest name of a file or folder, bytes; operating systems accept 255, and names of masks are longer than those of
+images."""
 
 
 def read_bytes(path: Path, what: str, most: int = LARGEST_FILE) -> bytes:
@@ -21,11 +22,11 @@ def read_bytes(path: Path, what: str, most: int = LARGEST_FILE) -> bytes:
 
     Args:
         path: the file.
-        what: what it should hold, for the message: "a groom".
-        most: bytes of the largest file that is read; a larger one is refused before anything is allocated.
+        what: expected content, for the error message, such as "a groom".
+        most: largest accepted file, bytes; a larger one is refused before anything is allocated.
 
     Raises:
-        InputError: there is no such file, it is no regular file, it is too large, or it cannot be read.
+        InputError: the file does not exist, is not a regular file, is too large, or cannot be read.
     """
     check_file(path, what, most)
     try:
@@ -35,10 +36,10 @@ def read_bytes(path: Path, what: str, most: int = LARGEST_FILE) -> bytes:
 
 
 def read_text(path: Path, what: str, most: int = LARGEST_FILE) -> str:
-    """Read a whole file of UTF-8; a byte order mark at its start is left out.
+    """Read a whole file of UTF-8, without its byte order mark, if it has one.
 
     Raises:
-        InputError: as `read_bytes`, or the file holds other bytes than UTF-8.
+        InputError: as for `read_bytes`, or the file is not UTF-8.
     """
     try:
         return read_bytes(path, what, most).decode("utf-8-sig")
@@ -50,22 +51,22 @@ def read_text(path: Path, what: str, most: int = LARGEST_FILE) -> str:
 
 
 def is_file_path(text: str) -> bool:
-    """Whether a text from a file can name a file: without control characters, of lengths that systems take."""
+    """Whether a text can be the path of a file: without control characters, and not too long for operating systems."""
     path = PurePosixPath(text)
     short = len(text) <= LONGEST_PATH and all(len(part.encode(errors="replace")) <= LONGEST_NAME for part in path.parts)
     return bool(path.name) and path.name != ".." and short and not has_controls(text)
 
 
 def has_controls(text: str) -> bool:
-    """Whether a text holds what no name or path may: control characters, halves of a letter, line separators."""
+    """Whether a text contains characters that no name may have: control characters, surrogates, line separators."""
     return not text.isprintable() and any(unicodedata.category(letter) in REFUSED_LETTERS for letter in text)
 
 
 def check_file(path: Path, what: str, most: int = LARGEST_FILE) -> None:
-    """Refuse what `read_bytes` would refuse, for readers that open the file themselves.
+    """Refuse files that `read_bytes` would refuse, for readers that open the file themselves.
 
     Raises:
-        InputError: there is no such file, it is no regular file, or it is too large.
+        InputError: the file does not exist, is not a regular file, or is too large.
     """
     try:
         status = path.stat()

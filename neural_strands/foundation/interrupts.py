@@ -1,4 +1,4 @@
-"""Ctrl-C at a moment of our choosing: an optimisation step is either taken whole or not at all."""
+"""Defers Ctrl-C, so that an optimisation step is taken either completely or not at all."""
 
 import signal
 import threading
@@ -14,8 +14,8 @@ T = TypeVar("T")
 def deferred_interrupt() -> Iterator[None]:
     """Let the first Ctrl-C (SIGINT) within the block take effect at its end; a second one takes effect at once.
 
-    Whatever handled the signal before handles it then. Outside the main thread, where Python handles no signals, and
-    where the signal is ignored, nothing is changed.
+    The previous handler handles it then. Nothing changes outside the main thread, where Python handles no signals, or
+    if the signal is ignored.
     """
     earlier = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(earlier):
@@ -38,7 +38,7 @@ def deferred_interrupt() -> Iterator[None]:
 
 
 def whole_steps(steps: Iterator[T]) -> Iterator[T]:
-    """Yield what `steps` yields; a Ctrl-C while it works is deferred to its next yield."""
+    """Iterate over `steps`; a Ctrl-C during a step is deferred to the end of that step."""
     while True:
         with deferred_interrupt():
             try:

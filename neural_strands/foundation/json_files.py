@@ -1,6 +1,6 @@
-"""JSON from files that may hold anything: size and depth are bounded, and every value is checked where it is taken.
+"""Reads JSON from untrusted files: size and depth are bounded, and every value is checked when it is used.
 
-A `JsonValue` knows where it stands, so each complaint names the file and the place: `transforms.json: frames[3].fl_x:
+A `JsonValue` knows its place, so that each error names the file and the place: `transforms.json: frames[3].fl_x:
 expected a finite number, found 'wide'; ...`.
 """
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     import numpy as np
 
 LARGEST_JSON = 2**27
-"""Bytes of the largest document, after a .gz is unpacked."""
+"""Largest document, bytes, after unpacking a .gz."""
 LONGEST_TEXT = 1000
-"""Letters of the longest text that is taken from a document."""
+"""Longest accepted text, characters."""
 LONGEST_KEY = 40
-"""Letters of a name that a message repeats as it is."""
+"""Longest name that a message repeats unchanged, characters."""
 
 
 @dataclass(frozen=True)
 class JsonValue:
-    """A value of a JSON document, and where it stands.
+    """A value in a JSON document, with its place.
 
     Attributes:
-        value: what `json` made of it.
-        source: the file, for messages.
-        place: the keys and indices that lead to it, such as `frames[3].fl_x`; empty at the top.
-        advice: what to do about a wrong value.
+        value: the parsed value.
+        source: the file, for error messages.
+        place: keys and indices of the value, such as `frames[3].fl_x`; empty at the top level.
+        advice: what the user should do about a wrong value.
     """
 
     value: Any
@@ -45,7 +45,7 @@ class JsonValue:
     advice: str = "fix the file"
 
     def refuse(self, expected: str) -> InputError:
-        """Build the sentence that says what should stand here."""
+        """Build the error that says what was expected here."""
         where = f"{self.place}: " if self.place else ""
         return InputError(f"{self.source}: {where}expected {expected}, found {excerpt(self.value)}; {self.advice}.")
 
@@ -53,7 +53,7 @@ class JsonValue:
         """Take a finite number between two bounds, both included.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, int | float) and not isinstance(self.value, bool):
             try:
@@ -68,7 +68,7 @@ class JsonValue:
         """Take a whole number between two bounds, both included; 512.0 is one too.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         value = self.value
         integral = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
@@ -80,7 +80,7 @@ class JsonValue:
         """Take true or false.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, bool):
             return self.value
@@ -90,7 +90,7 @@ class JsonValue:
         """Take a text without control characters.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, str) and len(self.value) <= longest and not has_controls(self.value):
             return self.value
@@ -100,7 +100,7 @@ class JsonValue:
         """Take the path of a file, relative or not.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, str) and is_file_path(self.value):
             return self.value
@@ -110,7 +110,7 @@ class JsonValue:
         """Take one of the texts in `options`.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, str) and self.value in options:
             return self.value
@@ -120,7 +120,7 @@ class JsonValue:
         """Take the elements of a list.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, list):
             return [replace(self, value=value, place=f"{self.place}[{k}]") for k, value in enumerate(self.value)]
@@ -130,7 +130,7 @@ class JsonValue:
         """Take the members of an object, by name.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         if isinstance(self.value, dict):
             return {key: self._member(key) for key in self.value}
@@ -140,7 +140,7 @@ class JsonValue:
         """Take a member of an object.
 
         Raises:
-            InputError: this is no object, or it has no such member.
+            InputError: this is not an object, or it has no such member.
         """
         found = self.optional(key)
         if found is None:
@@ -148,20 +148,20 @@ class JsonValue:
         return found
 
     def optional(self, key: str) -> "JsonValue | None":
-        """Take a member of an object, or None where it is absent or null.
+        """Take a member of an object, or None if it is missing or null.
 
         Raises:
-            InputError: this is no object.
+            InputError: this is not an object.
         """
         if not isinstance(self.value, dict):
             raise self.refuse("an object in braces")
         return None if self.value.get(key) is None else self._member(key)
 
     def array(self, *shape: int | None) -> "np.ndarray":
-        """Take nested lists of finite numbers as a float64 array of this shape; None stands for any size.
+        """Take nested lists of finite numbers as a float64 array of this shape; None is any size.
 
         Raises:
-            InputError: something else stands here.
+            InputError: the value is something else.
         """
         import numpy as np
 
@@ -181,7 +181,7 @@ class JsonValue:
         """Take a list of whole numbers between two bounds, both included.
 
         Raises:
-            InputError: something else stands here; the first wrong element is named.
+            InputError: the value is something else; the message names the first wrong element.
         """
         if isinstance(self.value, list):
             if all(type(value) is int and low <= value <= high for value in self.value):
@@ -196,16 +196,16 @@ class JsonValue:
 
 
 def read_json(path: Path, what: str, advice: str = "fix the file", most: int = LARGEST_JSON) -> JsonValue:
-    """Read a JSON document, unpacked first where the file's name ends in .gz.
+    """Read a JSON document, which is unpacked first if the file's name ends in .gz.
 
     Args:
         path: the file.
-        what: what it should hold, for messages: "a list of face numbers".
+        what: expected content, for error messages, such as "a list of face numbers".
         advice: what to do where it holds something else.
-        most: bytes of the largest document, unpacked.
+        most: largest document, bytes, unpacked.
 
     Raises:
-        InputError: the file cannot be read, or is no JSON.
+        InputError: the file cannot be read, or is not JSON.
     """
     data = read_bytes(path, what, most)
     if path.suffix == ".gz":
@@ -220,17 +220,17 @@ def read_json(path: Path, what: str, advice: str = "fix the file", most: int = L
 def parse_json(
     text: str, source: str, what: str, advice: str = "fix the file", with_constants: bool = False
 ) -> JsonValue:
-    """Read a JSON document from memory.
+    """Parse a JSON document in memory.
 
     Args:
         text: the document.
-        source: where it comes from, for messages.
-        what: what it should hold, for messages.
+        source: origin of the document, for error messages.
+        what: expected content, for error messages.
         advice: what to do where it holds something else.
-        with_constants: whether NaN, Infinity and -Infinity, which JSON does not have, are let through.
+        with_constants: whether NaN, Infinity and -Infinity, which JSON does not have, are accepted.
 
     Raises:
-        InputError: it is no JSON, is nested too deeply, or names a member twice.
+        InputError: it is not JSON, is nested too deeply, or repeats a member.
     """
     hooks: dict[str, Any] = {} if with_constants else {"parse_constant": _no_constant}
     try:
@@ -243,10 +243,10 @@ def parse_json(
 
 
 def check_format(document: JsonValue, version: int) -> None:
-    """Refuse a document whose member `format` names another version of its layout than the one that is read.
+    """Refuse a document whose member `format` is not the supported version of its layout.
 
     Raises:
-        InputError: there is no such member, or it names another version.
+        InputError: the member is missing, or has another version.
     """
     written = document.member("format")
     if type(written.value) is not int or written.value != version:
@@ -254,7 +254,7 @@ def check_format(document: JsonValue, version: int) -> None:
 
 
 def _unpacked(path: Path, data: bytes, what: str, most: int) -> bytes:
-    """The content of a gzip file, refused as soon as it exceeds `most` bytes."""
+    """Unpack a gzip file; refused as soon as the content exceeds `most` bytes."""
     pieces: list[bytes] = []
     size = 0
     try:
@@ -274,7 +274,7 @@ def _unpacked(path: Path, data: bytes, what: str, most: int) -> bytes:
 
 
 def _members_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The members of an object; which of two of the same name would count is nobody's to guess."""
+    """Build an object; repeated members are refused because they are ambiguous."""
     members: dict[str, Any] = {}
     for name, value in pairs:
         if name in members:
@@ -288,7 +288,7 @@ def _no_constant(name: str) -> float:
 
 
 def _between(low: float | int, high: float | int) -> str:
-    """The bounds in words; nothing where there are none."""
+    """The bounds in words; empty if there are none."""
     if low == -math.inf and high == math.inf:
         return ""
     if high == math.inf:

@@ -1,9 +1,9 @@
-"""Launching Warp kernels over torch tensors, on CPU and CUDA from one source.
+"""Launches Warp kernels over torch tensors, on CPU and CUDA from one source.
 
 Warp runs a kernel on one CPU thread. A kernel whose threads write only their own outputs may be split: it takes the
 first index as its first argument (`start`) and adds it to `wp.tid()`. Kernels that use atomics must not be split.
 
-Where torch traces instead of computing (torch.compile, or tensors without memory on a device that is not there),
+When torch traces instead of computing (torch.compile, or tensors without memory on a device that does not exist),
 launches become the operator `neural_strands::launch`, which torch can put into its graphs.
 """
 
@@ -28,7 +28,7 @@ from neural_strands.foundation.errors import InputError, reason
 Kernel = Any
 """A `wp.Kernel`, although Warp annotates its decorator as returning the plain function."""
 SMALLEST_SHARE = 1024
-"""Fewer items per thread than this are not worth another thread."""
+"""Smallest number of items per thread; fewer are not worth another thread."""
 
 
 @functools.cache
@@ -56,7 +56,7 @@ def _silent_stderr() -> Iterator[None]:
 def array(tensor: Tensor, dtype: Any = None) -> Any:
     """View a tensor as a Warp array without a copy (made contiguous first); no gradient passes through.
 
-    Where torch traces, it stays a tensor until the operator runs.
+    While torch traces, it stays a tensor until the operator runs.
     """
     flat = tensor.detach().contiguous()
     if isinstance(flat, FakeTensor) or torch.compiler.is_compiling():
@@ -66,9 +66,9 @@ def array(tensor: Tensor, dtype: Any = None) -> Any:
 
 
 def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Zeros for kernels to write to, made on the CPU without a parallel loop of torch.
+    """Allocate zeros for kernels to write to; on the CPU without a parallel loop of torch.
 
-    After such a loop torch's idle threads keep processors busy for milliseconds, and the kernels need them.
+    After such a loop torch's idle threads keep the cores busy for milliseconds, and the kernels need them.
     """
     if device.type == "cpu":
         return torch.from_numpy(np.zeros(tuple(shape), torch.zeros(0, dtype=dtype).numpy().dtype))
@@ -77,10 +77,10 @@ def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Ten
 
 @contextlib.contextmanager
 def on_torch_stream(device: torch.device | str) -> Iterator[None]:
-    """Within the block Warp builds trees and grids on torch's current stream, where launches run too.
+    """Make Warp build trees and grids on torch's current stream within the block; launches run there too.
 
-    Warp's own stream waits for torch's default one, and the other way round, but not for further streams of torch, nor
-    can it be captured with them.
+    Warp's own stream and torch's default one wait for each other, but Warp's does not wait for other torch streams, and
+    cannot be captured with them.
     """
     if torch.device(device).type != "cuda":
         yield
@@ -131,7 +131,7 @@ def run_together(jobs: Sequence[Callable[[], object]]) -> None:
     """Run jobs that release the interpreter's lock (kernel launches), each on its own thread if possible.
 
     The caller's thread runs the first job, and then those that no other thread has started: on a busy machine a thread
-    may wait longer for a processor than its job takes.
+    may wait longer for a core than its job takes.
     """
     if len(jobs) == 1:
         jobs[0]()
@@ -153,11 +153,11 @@ def load(kernel: Kernel, device: torch.device | str) -> None:
     """Compile and load a kernel's module now (cached between processes) rather than at its first launch.
 
     Raises:
-        InputError: if the compiled kernel cannot be written to Warp's cache.
+        InputError: the compiled kernel cannot be written to Warp's cache.
     """
     device = torch.device(device)
     if torch.compiler.is_compiling() or (device.type == "cuda" and not torch.cuda.is_available()):
-        # Traced: the operator loads the kernel where it runs.
+        # While torch traces, nothing is loaded: the operator loads the kernel when it runs.
         return
     start_warp()
     with _writable_cache():
@@ -166,7 +166,7 @@ def load(kernel: Kernel, device: torch.device | str) -> None:
 
 @contextlib.contextmanager
 def _writable_cache() -> Iterator[None]:
-    """Tell a disk that cannot take a kernel compiled for the first time from a mistake of ours."""
+    """Turn a full or read-only disk, to which a new kernel cannot be written, into an InputError."""
     try:
         yield
     except OSError as error:
@@ -178,7 +178,7 @@ def _writable_cache() -> Iterator[None]:
 
 
 def _warp_device(device: torch.device) -> Any:
-    """Warp's name of a CUDA device. Warp needs a number, so a device without one becomes torch's current device."""
+    """Warp's name of a CUDA device. Warp needs an index; without one, torch's current device is used."""
     return wp.device_from_torch(torch.device("cuda", torch.cuda.current_device()) if device.index is None else device)
 
 
@@ -187,7 +187,7 @@ def _are_traced(inputs: Sequence[Any]) -> bool:
 
 
 def _launch_traced(kernel: Kernel, count: int, inputs: Sequence[Any], split: bool) -> None:
-    """Leave a launch to the operator: arrays and numbers apart, vectors and matrices as their numbers."""
+    """Pass a launch to the operator, with arrays separate from numbers, and vectors and matrices flattened."""
     arrays = [value for value in inputs if isinstance(value, Tensor)]
     numbers: list[float | int] = []
     for value in inputs:
@@ -224,7 +224,7 @@ def launch_operator(
 
 @launch_operator.register_fake
 def _launch_fake(kernel: str, _: int, arrays: Sequence[Tensor], *__: object) -> None:
-    """Nothing is computed where there is no memory; what CUDA would refuse is refused."""
+    """Fake version of the operator for tracing: computes nothing, but refuses what CUDA would refuse."""
     devices = {tensor.device for tensor in arrays}
     if len(devices) > 1:
         raise RuntimeError(f"{kernel}: expected all arrays on one device, found {', '.join(map(str, devices))}")

@@ -1,13 +1,13 @@
-"""Keeping freed memory that is needed again at once."""
+"""Keeps freed memory that will be needed again soon."""
 
 import ctypes
 import sys
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
-"""Parameters of glibc's `mallopt`, as malloc.h numbers them."""
+"""Parameters of glibc's `mallopt`, numbered as in malloc.h."""
 
 KEPT = 1 << 30
-"""Bytes at the end of the heap that the process keeps, and the smallest request that is mapped separately."""
+"""Free bytes at the end of the heap that the process keeps, and smallest request that is mapped separately."""
 
 
 def keep_freed_memory() -> bool:

@@ -1,7 +1,7 @@
-"""Arrays from .npz files that may hold anything.
+"""Reads arrays from untrusted .npz files.
 
-The archive's directory and each array's own header are read first: what they claim is held against each other, against
-the size of the file and against what the caller expects before any memory is taken for an array. Nothing is unpickled.
+The archive's directory and each array's own header are read first. Their claims are checked against each other, against
+the size of the file and against what the caller expects, before memory is allocated for an array. Nothing is unpickled.
 """
 
 import io
@@ -19,30 +19,30 @@ from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.foundation.input_files import check_file
 
 LARGEST_ARCHIVE = 2**32
-"""Bytes of all arrays of one archive, unpacked."""
+"""Default limit on all arrays of an archive, bytes, unpacked."""
 MOST_INFLATED = 100
 """An archive may not claim to unpack to more than this many times its own size, plus `SLACK`."""
 SLACK = 2**20
-"""Bytes that any archive may unpack to."""
+"""Size that any archive may unpack to, bytes."""
 PIECE = 2**22
-"""Bytes that are unpacked at once."""
+"""Number of bytes unpacked at once."""
 LARGEST_HEADER = 2**14
-"""Bytes of an array's header, more than that of any plain array."""
+"""Largest header of an array, bytes; more than that of any plain array."""
 KINDS = {"f": "floats", "i": "whole numbers", "u": "unsigned numbers", "b": "booleans"}
-"""What numpy's letters stand for."""
+"""Meaning of numpy's letters for kinds of numbers."""
 
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """What an array of an archive has to be.
+    """Specification of an array in an archive.
 
     Attributes:
         name: its name in the archive.
         shape: names or sizes of its axes, separated by spaces, as jaxtyping writes them: "point 3". Axes of the same
             name have the same size in all arrays of an archive, and "point+1" is one more than "point"; "" is a single
             number, and None takes any shape.
-        dtype: what it is returned as; None keeps what is stored, in this machine's byte order.
-        kinds: numpy's letters of the kinds of number that may be stored: f float, i and u whole, b true or false.
+        dtype: type of the returned array; None keeps the stored type, in this machine's byte order.
+        kinds: numpy's letters of the accepted kinds of numbers: f float, i and u integers, b booleans.
         required: whether an archive without it is refused.
         finite: whether NaN and infinity are refused.
     """
@@ -57,7 +57,7 @@ class ArraySpec:
 
 @dataclass(frozen=True)
 class _Member:
-    """An array of an archive as its headers describe it."""
+    """An array of an archive, as described by its headers."""
 
     info: zipfile.ZipInfo
     shape: tuple[int, ...]
@@ -69,20 +69,20 @@ class _Member:
 def read_npz(
     path: Path, what: str, specs: Sequence[ArraySpec], advice: str = "export it again", most: int = LARGEST_ARCHIVE
 ) -> dict[str, np.ndarray]:
-    """Read the arrays that are asked for; others in the archive are left alone.
+    """Read the specified arrays; others in the archive are ignored.
 
     Args:
         path: the archive.
-        what: what it should hold, for messages: "line segments".
-        specs: the arrays that are wanted.
+        what: expected content, for error messages, such as "line segments".
+        specs: the arrays to read.
         advice: what to do where it holds something else.
-        most: bytes of all arrays together.
+        most: limit on all arrays together, bytes.
 
     Returns:
         Writable arrays by name; an array that is not required may be absent.
 
     Raises:
-        InputError: the file cannot be read, is no archive of plain arrays, or an array is not as `specs` has it.
+        InputError: the file cannot be read, is not an archive of plain arrays, or an array does not match `specs`.
     """
     check_file(path, what)
     with _Archive(path, what, advice) as archive:
@@ -97,19 +97,19 @@ def read_npz(
 
 
 def array_names(path: Path) -> set[str]:
-    """Names of the arrays of an .npz file; none for any other file, and none for a broken one."""
+    """Names of the arrays in an .npz file; empty for any other or a damaged file."""
     if path.suffix.lower() != ".npz":
         return set()
     try:
         with _Archive(path, "arrays", "export it again") as archive:
             return {_name(info) for info in archive.zip.infolist()}
     except InputError:
-        # Whoever reads the file next says what is wrong with it.
+        # The next reader of the file reports what is wrong with it.
         return set()
 
 
 class _Archive:
-    """An open archive, and the sentences that refuse it."""
+    """An open archive, and the errors about it."""
 
     zip: zipfile.ZipFile
 
@@ -125,15 +125,15 @@ class _Archive:
         self.zip.close()
 
     def refuse(self, place: int, expected: str, found: str) -> InputError:
-        """Build the sentence about what stands at a byte of the file."""
+        """Build the error about a byte of the file."""
         return InputError(f"{self.path}: byte {place}: expected {expected}, found {found}; {self.advice}.")
 
     @contextmanager
     def guarded(self, place: int) -> Iterator[None]:
-        """Turn any failure of zipfile, zlib or numpy's header parser into the one sentence.
+        """Turn any failure of zipfile, zlib or numpy's header parser into an InputError.
 
-        They raise a dozen kinds of error, from BadZipFile to TokenError. Only their calls belong in the block, so that
-        no fault of ours is taken for a damaged file.
+        They raise a dozen kinds of errors, from BadZipFile to TokenError. Only their calls belong in the block, so that
+        no bug of ours is reported as a damaged file.
         """
         try:
             with warnings.catch_warnings():
@@ -149,7 +149,7 @@ def _name(info: zipfile.ZipInfo) -> str:
 
 
 def _chosen(archive: _Archive, specs: Sequence[ArraySpec], most: int) -> dict[str, zipfile.ZipInfo]:
-    """The directory's entries of the arrays that are asked for, their claims about size held against the file's."""
+    """The directory's entries of the specified arrays, after checking their claimed sizes against the file's."""
     chosen: dict[str, zipfile.ZipInfo] = {}
     wanted = {spec.name for spec in specs}
     entries = archive.zip.infolist()
@@ -169,7 +169,7 @@ def _chosen(archive: _Archive, specs: Sequence[ArraySpec], most: int) -> dict[st
 
 
 def _described(archive: _Archive, info: zipfile.ZipInfo) -> _Member:
-    """Read an array's own header and hold it against the archive's directory."""
+    """Read an array's own header and check it against the archive's directory."""
     name, place = excerpt(_name(info)), info.header_offset
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise archive.refuse(place, f"{name} stored or deflated", f"compression {info.compress_type}")
@@ -192,7 +192,7 @@ def _described(archive: _Archive, info: zipfile.ZipInfo) -> _Member:
 
 
 def _check_shape(archive: _Archive, member: _Member, spec: ArraySpec, sizes: dict[str, int]) -> None:
-    """Hold kind and shape against what is asked for; `sizes` remembers the axes of all arrays."""
+    """Check kind and shape against the specification; `sizes` collects the sizes of named axes."""
     axes = None if spec.shape is None else spec.shape.split()
     fits = axes is None or len(axes) == len(member.shape)
     for axis, side in zip(axes or (), member.shape, strict=False):
@@ -226,7 +226,7 @@ def _array(archive: _Archive, member: _Member, spec: ArraySpec) -> np.ndarray:
 
 
 def _stored(archive: _Archive, member: _Member) -> np.ndarray:
-    """The numbers of an array in the order of the file; with the last of them zipfile compares the checksum."""
+    """The numbers of an array in file order; zipfile compares the checksum with the last of them."""
     stored = np.zeros(math.prod(member.shape), member.dtype)
     target, done = stored.view(np.uint8), 0
     with archive.guarded(member.info.header_offset), archive.zip.open(member.info) as file:

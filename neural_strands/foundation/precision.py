@@ -8,9 +8,9 @@ import torch
 
 @contextlib.contextmanager
 def exact_convolutions() -> Iterator[None]:
-    """Convolutions in full float32: by default cuDNN rounds the factors to 11 bits (TF32).
+    """Run convolutions in full float32 within the block; by default cuDNN rounds the factors to 11 bits (TF32).
 
-    A variance computed as the mean of squares minus the square of the mean does not survive that. The setting belongs
+    Variances computed as the mean of squares minus the square of the mean would be useless then. The setting is global
     to the process and is restored at the end.
     """
     before = torch.backends.cudnn.allow_tf32

@@ -1,4 +1,4 @@
-"""Reports of a long computation: sentences, and progress on standard error."""
+"""Reports of long computations: messages, and progress on standard error."""
 
 import sys
 import time
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 SECONDS_A_LINE = 60.0
-"""Seconds between progress lines when there is no terminal."""
+"""Seconds between progress lines if there is no terminal."""
 
 
 def _unsaid(_: str) -> None:

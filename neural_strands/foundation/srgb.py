@@ -1,7 +1,7 @@
 """The sRGB transfer curve (IEC 61966-2-1).
 
-Light adds up in linear values, so whatever averages, filters or composites colours does it there. Files, scores and
-losses use the encoded values, whose steps are about equally visible everywhere.
+Light is additive in linear values, so colours are averaged, filtered and composited there. Files, scores and losses use
+encoded values, whose steps are about equally visible everywhere.
 """
 
 from functools import cache
@@ -18,7 +18,7 @@ DARK_SLOPE = 12.92
 
 
 def to_srgb(linear: Float[Tensor, "*size"]) -> Float[Tensor, "*size"]:
-    """Encode linear light. Black's straight line goes on below zero and the curve beyond one, so nothing is lost."""
+    """Encode linear light. The curve is extended below zero and above one, so that it is invertible everywhere."""
     bright = 1.055 * linear.clamp(min=LARGEST_DARK) ** (1 / 2.4) - 0.055
     return torch.where(linear <= LARGEST_DARK, DARK_SLOPE * linear, bright)
 
@@ -31,18 +31,18 @@ def to_linear(encoded: Float[Tensor, "*size"]) -> Float[Tensor, "*size"]:
 
 
 def linear_samples(encoded: np.ndarray) -> np.ndarray:
-    """Stored samples of 8 or 16 bits, decoded to 16 bits of linear light; those of 8 bits survive the way back."""
+    """Decode samples of 8 or 16 bits to 16 bits of linear light; the round trip of 8-bit samples is exact."""
     return _curve(encoded.dtype.str, decode=True)[encoded]
 
 
 def srgb_samples(linear: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Samples of 16 bits of linear light, encoded as `dtype` (8 or 16 bits) stores them."""
+    """Encode 16-bit linear samples to `dtype` (8 or 16 bits)."""
     return _curve(np.dtype(dtype).str, decode=False)[linear]
 
 
 @cache
 def _curve(dtype: str, *, decode: bool) -> np.ndarray:
-    """The curve for every value that a sample can have."""
+    """Lookup table of the curve for every value of a sample."""
     top, stored = np.iinfo(np.uint16).max, np.iinfo(dtype).max
     size, most, result, curve = (stored, top, np.uint16, to_linear) if decode else (top, stored, dtype, to_srgb)
     values = torch.arange(size + 1, dtype=torch.float64) / size

@@ -1,4 +1,4 @@
-"""Checkpoints that torch wrote, read back without trust: only tensors and plain values, of the structure expected."""
+"""Reads files of `torch.save` without trusting them: only tensors and plain values, of the expected structure."""
 
 import warnings
 import zipfile
@@ -13,21 +13,21 @@ from neural_strands.foundation.input_files import check_file
 
 
 def read_tensors(path: Path, what: str, advice: str, with_older_format: bool = False) -> Any:
-    """Read what `torch.save` wrote, onto the CPU; nothing but tensors and plain values is unpickled.
+    """Read a file of `torch.save` onto the CPU; only tensors and plain values are unpickled.
 
     Args:
         path: the file.
-        what: what it should hold, for the message: "this fit's checkpoint".
+        what: expected content, for the error message, such as "this fit's checkpoint".
         advice: what to do where it holds something else.
-        with_older_format: whether torch's older format, which is no archive, is read too. It trusts the sizes that a
-            file claims.
+        with_older_format: whether torch's older format, which is not an archive, is read too; it trusts the sizes that
+            a file claims.
 
     Raises:
-        InputError: the file cannot be read, or holds something else.
+        InputError: the file cannot be read, or contains something else.
     """
     check_file(path, what)
     try:
-        # Damage can make the question fail.
+        # This check itself can fail for a damaged file.
         whole = with_older_format or zipfile.is_zipfile(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -41,16 +41,16 @@ def read_tensors(path: Path, what: str, advice: str, with_older_format: bool = F
 
 
 def difference(found: Any, expected: Any, place: str) -> str | None:
-    """Say where a structure differs from the one expected, or None where it does not.
+    """Describe where a structure differs from the expected one; None if it does not.
 
-    Dictionaries have the same keys, lists the same length, tensors the same shape and type of number, and everything
-    else the same type. What is expected of an Adam optimiser is its `state_dict`, moments of parameters that have had
-    no gradient so far left out.
+    Dictionaries must have the same keys, lists the same length, tensors the same shape and type, and everything else
+    the same type. An expected Adam optimiser stands for its `state_dict`, in which moments of parameters that have had
+    no gradient so far may be missing.
 
     Args:
-        found: what a file held.
+        found: the content of a file.
         expected: a structure of the right kind, of any values.
-        place: how messages call it: "checkpoint".
+        place: name in messages, such as "checkpoint".
     """
     if isinstance(expected, torch.optim.Adam):
         return difference(found, _adam_state(found, expected), place)

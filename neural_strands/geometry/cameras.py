@@ -19,7 +19,7 @@ class Camera:
         world_to_camera: rigid transform from world metres to camera metres.
         width: image width in pixels.
         height: image height in pixels.
-        name: of the view, in messages and files.
+        name: name of the view, in messages and files.
 
     Examples:
         >>> import torch
@@ -114,7 +114,7 @@ class Camera:
         return points @ self.rotation.T + self.world_to_camera[:3, 3]
 
     def project(self, points: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch 2"], Float[Tensor, "*batch"]]:
-        """Project world points to pixels and depth along the optical axis (metres; behind where not positive).
+        """Project world points to pixels and depth along the optical axis (metres; not positive behind the camera).
 
         A point in the plane of the camera has no image: its pixel is infinite or NaN, and its depth is 0.
         """
@@ -141,7 +141,7 @@ class Camera:
         return torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
 
     def _inverse_intrinsics(self) -> Float[Tensor, "3 3"]:
-        """Pixels to camera axes. `inv` would make the host wait for CUDA to check that the matrix is invertible."""
+        """Inverse of the intrinsics. Unlike `inv`, `inv_ex` does not synchronise with CUDA to check invertibility."""
         return torch.linalg.inv_ex(self.intrinsics).inverse
 
     def footprint(self, depth: float) -> float:

@@ -16,7 +16,7 @@ from neural_strands.geometry.voxel_grid import VoxelGrid
 
 POINTS_AT_ONCE = 1_000_000
 COARSER = 4
-"""How many times wider the nodes lie from which distances far from the surface are interpolated."""
+"""Spacing of the nodes from which distances far from the surface are interpolated, in multiples of the grid's."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class SignedDistanceGrid:
     """Distances at the nodes of a grid.
 
     Attributes:
-        grid: where the nodes lie.
-        values: metres, negative inside.
+        grid: positions of the nodes.
+        values: distances at the nodes, metres, negative inside.
     """
 
     grid: VoxelGrid
@@ -37,10 +37,10 @@ class SignedDistanceGrid:
     ) -> "SignedDistanceGrid":
         """Sample the mesh's box and `margin` metres around it, every `spacing` metres.
 
-        Nodes closer to the surface than `exact_within` metres hold their exact distance, others perhaps that between
-        nodes of a grid `COARSER` times as wide: a whole body has millions of nodes.
+        Distances are exact at nodes closer to the surface than `exact_within` metres; at others they may be
+        interpolated on a grid `COARSER` times as wide, because a whole body has millions of nodes.
         """
-        # The first nodes lie on the border of the box, the last ones on it or beyond.
+        # The first nodes are on the border of the box, the last ones on it or beyond.
         low = (mesh.vertices.amin(dim=0) - margin - 0.5 * spacing).tolist()
         high = (mesh.vertices.amax(dim=0) + margin + 0.5 * spacing).tolist()
         grid = VoxelGrid.filling(low, high, spacing)
@@ -55,7 +55,7 @@ class SignedDistanceGrid:
 
     @classmethod
     def _coarser(cls, grid: VoxelGrid, index: MeshIndex) -> "SignedDistanceGrid":
-        """Exact distances at nodes `COARSER` times as wide apart as those of `grid`, over all of it."""
+        """Exact distances on a grid with `COARSER` times the spacing that covers `grid`."""
         x, y, z = (max(math.ceil((size - 1) / COARSER), 1) + 1 for size in grid.shape)
         wide = VoxelGrid(grid.origin, COARSER * grid.spacing, (x, y, z))
         nodes = wide.nodes(index.mesh.vertices.device).to(index.mesh.vertices).reshape(-1, 3)
@@ -63,7 +63,7 @@ class SignedDistanceGrid:
         return cls(wide, (closest.distance * sign).view(wide.shape))
 
     def _refined(self, points: Float[Tensor, "point 3"], exact_within: float, index: MeshIndex) -> Tensor:
-        """Distances (metres) of points, exact where they may be within `exact_within` of the surface."""
+        """Distances (metres) of points, computed exactly if they may be within `exact_within` of the surface."""
         value, is_sure = self._compared(points, 0.0)
         near = value.abs() <= exact_within + self.largest_error
         measured, signed = near & is_sure, ~is_sure
@@ -73,7 +73,7 @@ class SignedDistanceGrid:
         return value
 
     def __call__(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-        """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest point in it."""
+        """Signed distance (metres), differentiable in `points`; outside the grid, that of the nearest point inside."""
         return _Trilinear.apply(points.reshape(-1, 3), self).reshape(points.shape[:-1])
 
     @property
@@ -85,9 +85,9 @@ class SignedDistanceGrid:
         return 0.5 * math.sqrt(3) * self.grid.spacing
 
     def is_above(self, points: Float[Tensor, "point 3"], depth: float, mesh: Mesh) -> Bool[Tensor, " point"]:
-        """Whether each point lies outside, or less than `depth` metres inside, as exactly as `signed_distance` knows.
+        """Whether each point lies outside, or less than `depth` metres inside, as exactly as by `signed_distance`.
 
-        Only points near that depth are measured against the mesh; the grid, sampled from it, decides for the others.
+        Only points near that depth are tested against the mesh; for all others the grid is accurate enough.
         """
         over, is_sure = self._compared(points, -depth)
         above = over > 0
@@ -97,9 +97,9 @@ class SignedDistanceGrid:
     def _compared(
         self, points: Float[Tensor, "point 3"], level: float
     ) -> tuple[Float[Tensor, " point"], Bool[Tensor, " point"]]:
-        """How much farther out than `level` points lie (metres), and whether the sign of that is sure."""
+        """Distance of points minus `level` (metres), and whether its sign is certain."""
         over = self(points) - level
-        # Where corners of a cell differ, the surface that closes an open mesh may pass, and distances jump.
+        # A cell whose corners differ may contain the surface that closes an open mesh, across which distances jump.
         corners = (self.values > level).float()[None, None]
         mixed = functional.max_pool3d(corners, 2, 1) + functional.max_pool3d(-corners, 2, 1) != 0
         cells = torch.tensor(mixed.shape[2:], device=points.device)
@@ -117,7 +117,7 @@ class SignedDistanceGrid:
         spacing = self.grid.spacing
         first = points.new_tensor(self.grid.origin)
         last = first + spacing * (points.new_tensor(self.grid.shape) - 1)
-        # A little inside: on the border itself slopes vanish.
+        # Slightly inside, because slopes vanish on the border itself.
         little = 1e-3 * spacing
         within = torch.minimum(torch.maximum(points, first + little), last - little).reshape(-1, 3)
         value, slope = self.grid.sample_with_slope(self.values, within)
@@ -134,7 +134,7 @@ def _signs(
     """-1 at the nodes inside, 1 outside.
 
     Winding numbers cost more than distances. Two nodes closer to each other than to the surface lie on the same side of
-    it, so most nodes take the sign of the one before them among every second node.
+    it, so signs are computed at every second node, and most others copy that of a neighbour.
     """
     sign = _signs_at(nodes[::2, ::2, ::2], index)
     for axis, count in enumerate(distance.shape):
@@ -151,7 +151,7 @@ def _signs_at(places: Float[Tensor, "*batch 3"], index: MeshIndex) -> Float[Tens
 
 
 class _Trilinear(torch.autograd.Function):
-    """Reads value and slope in one pass; the slope is all that the backward pass needs."""
+    """Reads value and slope in one pass; the backward pass needs only the slope."""
 
     @staticmethod
     def forward(ctx: Any, points: Tensor, distance: SignedDistanceGrid) -> Tensor:

@@ -1,4 +1,4 @@
-"""Line segments: the hair as multi-view stereo finds it, without roots ("partial strands" in the paper)."""
+"""Line segments: the hair as reconstructed by multi-view stereo, without roots ("partial strands" in the paper)."""
 
 from dataclasses import dataclass, replace
 
@@ -15,9 +15,9 @@ class LineSegments:
 
     Attributes:
         points: positions.
-        directions: unit tangents; unsigned (sign arbitrary) until growth gives them one.
+        directions: unit tangents; their sign is arbitrary until growth directions are estimated.
         confidence: in [0, 1].
-        segment_id: the segment of each point, non-decreasing from 0.
+        segment_id: index of each point's segment, non-decreasing from 0.
 
     Examples:
         >>> import torch
@@ -42,7 +42,7 @@ class LineSegments:
         return int(self.segment_id[-1]) + 1 if len(self) else 0
 
     def lines(self) -> Float[Tensor, "line 2 3"]:
-        """Every two consecutive points of a segment, as a strand of two points."""
+        """Every pair of consecutive points of a segment, as a strand of two points."""
         together = self.segment_id[1:] == self.segment_id[:-1]
         return torch.stack([self.points[:-1][together], self.points[1:][together]], dim=1)
 

@@ -1,4 +1,4 @@
-"""Closest points of triangle meshes, and where rays meet them, through Warp's bounding volume hierarchy."""
+"""Closest points and ray hits of triangle meshes, through Warp's bounding volume hierarchy."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from neural_strands.geometry.mesh import Mesh, barycentric_coordinates
 
 @dataclass(frozen=True)
 class ClosestPoints:
-    """Where each query point meets the surface.
+    """The closest surface point of each query point.
 
     Attributes:
         face: index of the closest face.
@@ -39,7 +39,7 @@ class MeshIndex:
             raise ValueError("a mesh index needs at least one face")
         self.mesh = mesh
         kernels.start_warp()
-        # The arrays are kept alive, because Warp's mesh refers to their memory by address.
+        # Keep the arrays alive, because Warp's mesh refers to their memory by address.
         self._vertices = kernels.array(mesh.vertices.float(), wp.vec3)
         self._faces = kernels.array(mesh.faces.int().reshape(-1), wp.int32)
         self._box = [wp.vec3(*bound.tolist()) for bound in (mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0))]
@@ -68,7 +68,7 @@ class MeshIndex:
         return _closest_points(points, self.mesh, face.long(), weights.to(points)), sign.to(points)
 
     def ray_distance(self, origin: Float[Tensor, "3"], rays: Float[Tensor, "ray 3"]) -> Float[Tensor, " ray"]:
-        """Distance from `origin` along each unit ray to the surface, metres; infinite where it misses."""
+        """Distance from `origin` along each unit ray to the surface, metres; infinite if it misses."""
         distance = torch.full((len(rays),), math.inf, device=rays.device)
         inputs = [self._warp.id, wp.vec3(*origin.tolist()), kernels.array(rays, wp.vec3), kernels.array(distance)]
         kernels.launch_split(ray_kernel, len(rays), inputs, rays.device)
@@ -90,7 +90,7 @@ def closest_points(points: Float[Tensor, "point 3"], mesh: Mesh) -> ClosestPoint
 
 
 def closest_points_reference(points: Float[Tensor, "point 3"], mesh: Mesh, points_at_once: int = 256) -> ClosestPoints:
-    """The twin of `closest_points` in plain torch: every point against every face."""
+    """`closest_points` in plain torch, for tests: every point against every face."""
     corners = mesh.corners().to(points)
     faces, weights = [], []
     for part in points.split(points_at_once):

@@ -8,15 +8,15 @@ from torch import Tensor
 from neural_strands.foundation.errors import InputError
 
 LARGEST_EXTENT = 5.0
-"""Metres across beyond which points cannot be hair in metres."""
+"""Extent beyond which points cannot be hair in metres."""
 
 
 def check_metres(path: Path, points: Float[Tensor, "*batch 3"]) -> None:
-    """Refuse points that span more than any hair does, before work is done that grows with their unit.
+    """Refuse points that span more than any hair, before work that grows with their extent.
 
     Args:
-        path: the file that they are from, for the message.
-        points: what should be metres.
+        path: the file that they come from, for the error message.
+        points: positions that should be in metres.
 
     Raises:
         InputError: they are in another unit.

@@ -1,6 +1,6 @@
 """Nearest neighbours within a radius, and matches within a distance and an angle, for millions of points.
 
-Each search has a plain torch twin of the same signature (`*_reference`), quadratic and slow, for tests.
+Each search has a plain torch version with the same signature (`*_reference`), quadratic and slow, for tests.
 """
 
 import itertools
@@ -17,7 +17,7 @@ from neural_strands.geometry.kernels.point_queries import MOST_LEVELS, LevelVect
 from neural_strands.geometry.point_grid import PointGrid
 
 TWIN_CHUNK = 256
-"""Queries that the quadratic twins compare with all points in one block."""
+"""Number of queries that the quadratic versions compare with all points in one block."""
 
 
 def nearest(
@@ -25,8 +25,8 @@ def nearest(
 ) -> tuple[Float[Tensor, " query"], Int64[Tensor, " query"]]:
     """Distance to and index of the point nearest to each query, within `radius` metres.
 
-    Nothing here is differentiable; gather the points by index to differentiate the distance. Among equally near points
-    the lowest index is returned. A query that is not finite finds nothing.
+    The result is not differentiable; gather the points by index to differentiate the distance. Of equally near points
+    the one with the lowest index is returned. Queries that are not finite have no neighbour.
 
     Args:
         queries: positions, metres.
@@ -34,7 +34,7 @@ def nearest(
         radius: farthest distance that counts, metres.
 
     Returns:
-        The distances in metres, infinite where no point is within the radius; the indices, -1 there.
+        The distances in metres, infinite if no point is within the radius; and the indices, then -1.
     """
     grid = points if isinstance(points, PointGrid) else PointGrid.build(points, radius)
     distance = torch.full((len(queries),), math.inf, device=queries.device)
@@ -48,7 +48,7 @@ def nearest(
 def nearest_reference(
     queries: Float[Tensor, "query 3"], points: Float[Tensor, "point 3"], radius: float
 ) -> tuple[Float[Tensor, " query"], Int64[Tensor, " query"]]:
-    """The twin of `nearest`: every query against every point."""
+    """`nearest` by brute force: every query against every point."""
     distance = torch.full((len(queries),), math.inf, device=queries.device)
     index = torch.full((len(queries),), -1, dtype=torch.int64, device=queries.device)
     if len(points) == 0:
@@ -113,7 +113,7 @@ def match_levels_reference(
     point_directions: Float[Tensor, "point 3"],
     thresholds: Sequence[tuple[float, float]],
 ) -> tuple[Int32[Tensor, " query"], Int32[Tensor, " query"]]:
-    """The twin of `match_levels`: every query against every point."""
+    """`match_levels` by brute force: every query against every point."""
     _check_thresholds(thresholds)
     levels = [torch.full((len(queries),), len(thresholds), dtype=torch.int32, device=queries.device) for _ in range(2)]
     for start in range(0, len(queries), TWIN_CHUNK):

@@ -14,7 +14,7 @@ MINIMUM_STEP = 1e-9
 SUBSTEPS = 16
 """Number of chords that measure the arc length of each segment of a spline."""
 BLOCK = 4096
-"""Strands resampled together; bounds memory."""
+"""Number of strands resampled together, to bound memory."""
 
 
 def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
@@ -41,7 +41,7 @@ def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: in
 def resample_strands(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
     """Resample strands to `count` points equally spaced in arc length along a cubic spline through their points.
 
-    The spline has chord-length knots and parabolic ends (see geometry.spline); its end points are kept.
+    The spline has chord-length knots and parabolic ends (see `geometry.spline`); end points are preserved.
     Differentiable.
 
     Raises:
@@ -54,10 +54,10 @@ def resample_strands(points: Float[Tensor, "strand point 3"], count: int) -> Flo
 
 
 def resample(strands: Strands, count: int) -> Strands:
-    """Resample strands as `resample_strands` does, with what their points carry; differentiable.
+    """Resample strands like `resample_strands`, with the attributes of their points; differentiable.
 
-    The parameter t and the width are blended linearly within each segment, without a gradient to the points. The result
-    always holds its t: points that are evenly spaced in t need not be so in arc length.
+    The parameter t and the width are interpolated linearly within each segment, without a gradient to the points. The
+    result always stores t, because points that are evenly spaced in arc length need not be so in t.
 
     Raises:
         ValueError: fewer than two points in or out.
@@ -79,7 +79,7 @@ def resample_ragged(
     """Resample polylines with different numbers of points to `count` points each (see `resample_strands`).
 
     Args:
-        vertices: the points of all strands, one strand after the other.
+        vertices: points of all strands, concatenated.
         offsets: start of each strand, followed by the total number of points.
         count: points per strand in the result.
 
@@ -105,7 +105,7 @@ def _resample_padded(
     """Resample the first `sizes` points of each row, a block of rows at a time.
 
     Returns:
-        Points, and where they lie: the number of the segment's first point plus the fraction of the segment.
+        Points, and their positions: index of the segment's first point plus the fraction of the segment.
     """
     fewest = int(sizes.min()) if len(sizes) else points.shape[1]
     if count < 2 or fewest < 2:
@@ -126,7 +126,7 @@ def _resample_block(
     splines = fit_splines(points, sizes)
     position = torch.arange((size - 1) * SUBSTEPS + 1, dtype=points.dtype, device=points.device) / SUBSTEPS
     segment = position.long().clamp(max=size - 2).expand(strands, -1)
-    # Beyond a strand's last point the samples repeat it, and the arc length stands still.
+    # Beyond a strand's last point the samples repeat it, and the arc length stays constant.
     ended = position >= (sizes - 1)[:, None]
     segment = torch.minimum(segment, (sizes - 2)[:, None])
     fraction = torch.where(ended, 1.0, position - segment)

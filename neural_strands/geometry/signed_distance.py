@@ -1,4 +1,4 @@
-"""Signed distance to a head: negative inside, by the generalised winding number, so that open busts work too.
+"""Signed distance to a head, negative inside; the generalised winding number determines the sign, also of open busts.
 
 A point is inside if its winding number exceeds one half (Jacobson et al. 2013). This closes a bust without a bottom
 along the surface on which the number is one half, far from the hair.
@@ -54,7 +54,7 @@ def signed_distance(points: Float[Tensor, "point 3"], mesh: Mesh) -> SignedDista
 
 
 def signed_distance_reference(points: Float[Tensor, "point 3"], mesh: Mesh) -> SignedDistance:
-    """The twin of `signed_distance` in plain torch: every point against every face."""
+    """`signed_distance` in plain torch, for tests: every point against every face."""
     closest = closest_points_reference(points.detach(), mesh)
     inside = winding_number(points.detach(), mesh) > INSIDE
     sign = torch.where(inside, -1.0, 1.0).to(points)

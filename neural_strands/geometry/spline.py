@@ -1,12 +1,12 @@
 """Cubic splines through many polylines at once, on any device, differentiable.
 
-Knots are spaced by the chord between points, and each end segment keeps one second derivative (parabolic ends).
-Measured (docs/experiments/inputs.md) on polygons whose edges differ twentyfold and on a helix sampled at random: chord
-knots follow the helix best (0.03 of its radius; 0.17 for centripetal, 0.2 for uniform knots), and with these ends the
-curve leaves an edge by at most a third of that edge's length, where not-a-knot ends overshoot by several lengths.
+Knots are spaced by the chords between points, and the second derivative is constant on each end segment (parabolic
+ends). Measured (docs/experiments/inputs.md) on polygons whose edges differ twentyfold and on a helix sampled at random:
+chord knots follow the helix best (0.03 of its radius; 0.17 for centripetal, 0.2 for uniform knots), and with these ends
+the curve leaves an edge by at most a third of that edge's length, where not-a-knot ends overshoot by several lengths.
 On an evenly sampled helix they are as accurate as not-a-knot ends and eight times more than natural ones.
 
-Letters: n points, knots t_0 < ... < t_{n-1}, steps h_i = t_{i+1} - t_i, second derivatives M_i at the knots.
+Notation: n points, knots t_0 < ... < t_{n-1}, steps h_i = t_{i+1} - t_i, second derivatives M_i at the knots.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ class Splines:
     """Cubic splines of strands padded to the same number of points.
 
     Attributes:
-        knots: parameters of the points; they keep rising beyond a strand's last point and are not used there.
+        knots: parameters of the points; they keep increasing beyond a strand's last point, where they are not used.
         points: the points, padded by repeating the last one.
-        curvature: second derivatives by the parameter at the points.
-        sizes: points of each strand, at least two.
+        curvature: second derivatives with respect to the parameter, at the points.
+        sizes: number of points of each strand, at least two.
     """
 
     knots: Float[Tensor, "strand point"]

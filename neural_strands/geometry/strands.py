@@ -19,8 +19,8 @@ class Strands:
         width: full thickness at each point, metres.
         color: linear RGB of each strand in [0, 1].
         unseen: share of each strand's points that no photograph could see, in [0, 1].
-        t: parameter of each point on the strand as it was fitted, 0 at its root and 1 at its tip; a cut or a resampling
-            keeps it, so that what is left looks as before. None: evenly spaced from 0 to 1.
+        t: parameter of each point on the strand as it was fitted, 0 at its root and 1 at its tip; preserved by cuts and
+            resampling, so that the rest looks as before. None: evenly spaced from 0 to 1.
 
     Examples:
         >>> import torch
@@ -47,7 +47,7 @@ class Strands:
         return self.points.shape[1]
 
     def parameters(self) -> Float[Tensor, "strand point"]:
-        """The parameter t of every point, whether it is stored or evenly spaced."""
+        """The parameter t of every point: as stored, or evenly spaced."""
         if self.t is not None:
             return self.t
         even = torch.linspace(0, 1, self.points_per_strand, device=self.points.device)
@@ -73,7 +73,7 @@ def segments(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand p
 
 
 def directions(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point 3"]:
-    """Unit growth direction at each point: forward difference, the last point repeating the one before it."""
+    """Unit growth direction at each point: the forward difference; the last point repeats the previous direction."""
     forward = torch.nn.functional.normalize(segments(points), dim=-1)
     return torch.cat([forward, forward[:, -1:]], dim=1)
 

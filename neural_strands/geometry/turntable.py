@@ -1,4 +1,4 @@
-"""Cameras on a circle, for a look at something from all around."""
+"""Cameras on a circle around strands."""
 
 import math
 
@@ -10,9 +10,9 @@ from neural_strands.geometry.cameras import Camera
 FIELD_OF_VIEW = math.radians(25.0)
 """Field of view of the shorter side of the image, radians."""
 ROOM = 1.25
-"""Radius of the ball that fits into the image, in radii of the points."""
+"""Radius of the sphere that fits into the image, in multiples of the points' radius."""
 FARTHEST = 0.98
-"""Share of the points that must lie in that ball: single flyaway strands may leave the image."""
+"""Share of the points that determine this radius: single flyaway strands may leave the image."""
 
 
 def turntable_cameras(
@@ -22,7 +22,7 @@ def turntable_cameras(
 
     Args:
         points: strands in world metres.
-        count: cameras, evenly spaced over the whole turn.
+        count: number of cameras, evenly spaced over the whole turn.
         size: image width and height in pixels.
         elevation: height of the circle above the centre, radians.
 

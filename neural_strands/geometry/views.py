@@ -1,4 +1,4 @@
-"""Photographs with the cameras that took them and the masks that belong to them."""
+"""Photographs with their cameras and masks."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from neural_strands.geometry.rectangle import Rectangle
 Image = Float[Tensor, "height width 3"]
 """A photograph, sRGB in [0, 1]."""
 Mask = Float[Tensor, "height width"]
-"""How much of each pixel is covered by what the mask is of, in [0, 1]."""
+"""Share of each pixel that is covered, in [0, 1]."""
 Part = Literal["image", "hair_mask", "person_mask"]
-"""What can be read of a view."""
+"""The parts of a view that can be read."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class View:
     """A photograph in memory.
 
     Attributes:
-        camera: calibrated, without lens distortion; messages and files call the view by its name.
+        camera: the calibrated camera, without lens distortion; its name is the view's.
         image: sRGB in [0, 1].
         hair_mask: coverage of hair, if it is known.
         person_mask: coverage of the whole person, if it is known.
@@ -38,7 +38,7 @@ class View:
     person_mask: Mask | None = None
 
     def cropped(self, part: Rectangle) -> "View":
-        """Part of the photograph, with the camera that sees exactly that part."""
+        """Crop all parts of the view, and the camera accordingly."""
         return View(
             self.camera.cropped(part.left, part.top, part.width, part.height),
             part.of(self.image),
@@ -49,14 +49,14 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Views that are read whenever they are asked for, and not kept: memory does not grow with their number.
+    """Views that are read on every access and not kept, so that memory does not grow with their number.
 
-    Indexing reads all of a view; `image`, `hair_mask` and `person_mask` read just that part.
+    Indexing reads a whole view; `image`, `hair_mask` and `person_mask` read only that part.
 
     Attributes:
-        cameras: of all views, known without reading anything.
-        has_hair_mask: whether each view has a hair mask, known without reading anything.
-        read: reads a part of the view at an index; None where it has no such part.
+        cameras: cameras of all views, known without reading files.
+        has_hair_mask: whether each view has a hair mask, known without reading files.
+        read: reads a part of the view at an index; returns None if the view lacks it.
     """
 
     cameras: tuple[Camera, ...]
@@ -65,7 +65,7 @@ class Views:
 
     @classmethod
     def in_memory(cls, views: Sequence[View]) -> "Views":
-        """Views that are in memory already, for what reads them one at a time."""
+        """Wrap views that are already in memory."""
         cameras, masked = tuple(view.camera for view in views), tuple(view.hair_mask is not None for view in views)
         return cls(cameras, masked, lambda index, part: getattr(views[index], part))
 
@@ -96,7 +96,7 @@ class Views:
         return self.read(index, "person_mask")
 
     def hair_masks(self) -> Iterator[tuple[Camera, Mask]]:
-        """Camera and hair mask of each view that has one, read one at a time; no photograph is read."""
+        """Camera and hair mask of each view that has one, read one at a time without photographs."""
         for index, camera in enumerate(self.cameras):
             mask = self.hair_mask(index) if self.has_hair_mask[index] else None
             if mask is not None:
@@ -110,7 +110,7 @@ class Views:
             found, camera = self.read(index, part), cameras[index]
             if found is None or found.shape[:2] == (camera.height, camera.width):
                 return found
-            # Each new pixel is the mean of the area that it covers, in linear light.
+            # Each new pixel is the mean over the area that it covers, in linear light.
             light = to_linear(found) if part == "image" else found
             small = cv2.resize(light.cpu().numpy(), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
             reduced = torch.from_numpy(small).to(found.device)

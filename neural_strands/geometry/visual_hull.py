@@ -1,4 +1,4 @@
-"""What views say about hair, with the head in their way: where they see none (the visual hull), and what they see."""
+"""Visibility with an occluding head: the visual hull of hair, and the number of views that see points."""
 
 import math
 from collections.abc import Iterable
@@ -16,16 +16,16 @@ from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 LEAST_RAYS, MOST_RAYS = 256, 512
-"""To the head along the longer side of a picture: half its pixels, but small pictures need all, large ones fewer."""
+"""Bounds of the number of rays to the head along the longer side of a picture; in between, half its pixels."""
 
 
 @dataclass(frozen=True)
 class HeadView:
-    """A view and how far it sees before the head is in its way.
+    """A view, and the distance to the head in each direction.
 
     Attributes:
-        camera: the view's.
-        head: distance to the head along each pixel's ray, metres, at a smaller size.
+        camera: camera of the view.
+        head: distance to the head along each pixel's ray, metres, at a reduced resolution.
     """
 
     camera: Camera
@@ -41,7 +41,7 @@ class HeadView:
         return cls(camera, head_distance(small, rays, head).reshape(small.height, small.width))
 
     def kernel_inputs(self) -> list:
-        """What kernels take of a view, in their order."""
+        """The inputs of kernels for a view, in order."""
         projection = torch.eye(4)
         projection[:3] = self.camera.intrinsics @ self.camera.world_to_camera[:3]
         matrix, centre = wp.mat44(*projection.reshape(-1).tolist()), wp.vec3(*self.camera.position.tolist())
@@ -50,30 +50,30 @@ class HeadView:
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Where a view shows no hair.
+    """Pixels of a view that may show hair.
 
     Attributes:
-        view: its camera and the head before it.
-        hair: where there may be hair.
+        view: the view, with distances to the head.
+        hair: pixels in which there may be hair.
     """
 
     view: HeadView
     hair: Bool[Tensor, "height width"]
 
     def kernel_inputs(self) -> list:
-        """What kernels take of a silhouette, in their order."""
+        """The inputs of kernels for a silhouette, in order."""
         return [*self.view.kernel_inputs(), kernels.array(self.hair.to(torch.uint8))]
 
 
 def head_distance(camera: Camera, rays: Float[Tensor, "pixel 3"], head: MeshIndex | None) -> Float[Tensor, " pixel"]:
-    """Distance from a camera's centre to the head along unit rays, metres; infinite where they miss it."""
+    """Distance from a camera's centre to the head along unit rays, metres; infinite if they miss it."""
     if head is None:
         return torch.full((len(rays),), math.inf, device=rays.device)
     return head.ray_distance(camera.position, rays)
 
 
 def possible_points(points: Float[Tensor, "point 3"], silhouettes: Iterable[Silhouette]) -> Bool[Tensor, " point"]:
-    """Which points may be hair: those that no view sees, before the head, beside its silhouette."""
+    """Mark points that may be hair: no view sees them in front of the head and outside its silhouette."""
     kept = torch.ones(len(points), dtype=torch.uint8, device=points.device)
     for silhouette in silhouettes:
         inputs = [kernels.array(points, wp.vec3), *silhouette.kernel_inputs(), kernels.array(kept)]
@@ -87,9 +87,9 @@ def visual_hull(
     """The nodes of a grid that may be hair (see `possible_points`; Laurentini 1994, with an occluder).
 
     Args:
-        grid: the nodes to judge.
-        silhouettes: used one at a time, so that an iterator need not hold them all.
-        within: nodes outside are none from the start.
+        grid: the nodes to classify.
+        silhouettes: the views' silhouettes, used one at a time.
+        within: nodes that are considered; all others are excluded.
     """
     kept = within.to(torch.uint8).contiguous()
     for silhouette in silhouettes:
@@ -104,16 +104,16 @@ def views_that_see(
     views: Iterable[HeadView],
     least_cosine: float,
 ) -> Int32[Tensor, " point"]:
-    """How many views see each point: it lies in the picture, before the head, and faces the camera.
+    """Count the views that see each point: inside the picture, in front of the head, and facing the camera.
 
-    Hair is opaque: a view does not see the far side of a layer of hair, even where no head is in its way. So a point
-    counts as seen only from the outward side.
+    Hair is opaque: a view does not see the far side of a layer of hair, even if no head occludes it. So a point counts
+    as seen only from its outward side.
 
     Args:
         points: world metres.
         outward: unit directions away from the head.
-        views: used one at a time.
-        least_cosine: between the outward direction and that to the camera.
+        views: the views, used one at a time.
+        least_cosine: least cosine between the outward direction and that to the camera.
     """
     count = torch.zeros(len(points), dtype=torch.int32, device=points.device)
     for view in views:

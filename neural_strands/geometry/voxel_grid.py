@@ -1,4 +1,4 @@
-"""A regular grid of nodes in a box of the world: where they lie, and what is read between them."""
+"""A regular grid of nodes in a box of the world, and interpolation between them."""
 
 import math
 from collections.abc import Sequence
@@ -14,19 +14,19 @@ from neural_strands.foundation import kernels
 from neural_strands.geometry.kernels.voxel_grid import sample_kernel, slope_kernel
 
 Outside = Literal["border", "zero"]
-"""What sampling finds beyond the outermost nodes: the value of the nearest place on the border, or zero."""
+"""Values beyond the outermost nodes: that of the nearest place on the border, or zero."""
 
 
 @dataclass(frozen=True)
 class VoxelGrid:
     """Nodes at equal distances along x, y and z; each is the centre of a cubic voxel.
 
-    Volumes over a grid are indexed by x, y, z, and hold a node's value; channels come last.
+    Volumes over a grid store a value per node, indexed by x, y, z; channels come last.
 
     Attributes:
         origin: position of node (0, 0, 0), metres.
-        spacing: distance of neighbouring nodes, metres.
-        shape: nodes along x, y, z, at least two each.
+        spacing: distance between neighbouring nodes, metres.
+        shape: number of nodes along x, y, z, at least two each.
     """
 
     origin: tuple[float, float, float]
@@ -35,7 +35,7 @@ class VoxelGrid:
 
     @classmethod
     def filling(cls, low: Sequence[float], high: Sequence[float], spacing: float) -> "VoxelGrid":
-        """The grid whose voxels fill the box from `low` to `high` (metres), the last ones beyond `high` if need be."""
+        """The grid whose voxels fill the box from `low` to `high` (metres), or slightly more."""
         x, y, z = (max(math.ceil((end - start) / spacing), 2) for start, end in zip(low, high, strict=True))
         first = [start + 0.5 * spacing for start in low]
         return cls((first[0], first[1], first[2]), spacing, (x, y, z))
@@ -54,7 +54,8 @@ class VoxelGrid:
         return torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1)
 
     def index(self, points: Float[Tensor, "point 3"]) -> tuple[Int64[Tensor, " point"], Bool[Tensor, " point"]]:
-        """Flat index of the voxel that holds each point (clamped to the box), and whether the point lies in the box."""
+        """Flat index of the voxel that contains each point (clamped to the box), and whether the point lies in the
+        box."""
         low = points.new_tensor([first - 0.5 * self.spacing for first in self.origin])
         voxel = ((points - low) / self.spacing).floor().long()
         size = torch.tensor(self.shape, device=points.device)
@@ -65,12 +66,12 @@ class VoxelGrid:
     def sample(
         self, values: Float[Tensor, "x y z channel"], points: Float[Tensor, "point 3"], outside: Outside
     ) -> Float[Tensor, "point channel"]:
-        """Trilinear interpolation between the nodes; no gradient passes.
+        """Trilinear interpolation between the nodes, without gradients.
 
         Args:
-            values: of the nodes.
+            values: values at the nodes.
             points: world metres.
-            outside: what holds beyond the outermost nodes.
+            outside: the value beyond the outermost nodes.
         """
         channels, device = values.shape[-1], points.device
         sampled = kernels.zeros((len(points), channels), torch.float32, device)
@@ -87,9 +88,9 @@ class VoxelGrid:
     def sample_with_slope(
         self, values: Float[Tensor, "x y z"], points: Float[Tensor, "point 3"]
     ) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"]]:
-        """Trilinear value at each point and its gradient per metre; no gradient passes.
+        """Trilinear value at each point and its gradient per metre; not differentiable.
 
-        Beyond the outermost nodes the border's value holds, and does not change along the axes that leave the box.
+        Points beyond the outermost nodes take the border's value, which is constant along the axes that leave the box.
         """
         flat = points.detach().float()
         value, gradient = torch.zeros_like(flat[:, 0]), torch.zeros_like(flat)
@@ -104,14 +105,14 @@ class VoxelGrid:
         return value, gradient
 
     def kernel_inputs(self) -> list[Any]:
-        """What kernels take of a grid, in this order: origin, spacing, shape."""
+        """The inputs of kernels for a grid: origin, spacing, shape."""
         return [wp.vec3(*self.origin), self.spacing, wp.vec3i(*self.shape)]
 
 
 def sample_reference(
     grid: VoxelGrid, values: Float[Tensor, "x y z channel"], points: Float[Tensor, "point 3"], outside: Outside
 ) -> Float[Tensor, "point channel"]:
-    """The twin of `VoxelGrid.sample` in plain torch, differentiable in `points`."""
+    """`VoxelGrid.sample` in plain torch, for tests; differentiable in `points`."""
     place = (points - points.new_tensor(grid.origin)) / grid.spacing
     last = place.new_tensor(grid.shape) - 1
     volume = values.to(points).permute(3, 2, 1, 0)[None]

@@ -12,7 +12,7 @@ from neural_strands.prior.generator import GeneratorConfig, raw_size
 from neural_strands.prior.synthesiser import SynthesiserConfig
 
 POINTS = 100
-"""Points of the curves that training draws."""
+"""Points per training curve."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +29,19 @@ class PriorLossConfig:
     kl: float = 3e-5
     """Weight of the KL term (lambda_KL; the paper: 1e-3)."""
     free_bits: float = 0.0
-    """KL per latent below which it does not count, nats."""
+    """KL divergence per latent below which it is not penalised, nats."""
 
 
 @dataclass(frozen=True)
 class TrainPriorConfig:
-    """How the strand prior is trained."""
+    """Settings of training the strand prior."""
 
     steps: int = 10000
     """Steps of the last stage (of all, in the paper's preset); the learning rate falls to zero over them."""
     sine_steps: int = 1500
     """Steps of the second stage, which trains the synthesiser's sines."""
     start_curves: int = 20000
-    """Curves of the closed-form start; 0 starts from random weights and skips the second stage."""
+    """Number of curves for the closed-form start; 0 starts from random weights and skips the second stage."""
     batch: int = 512
     """Curves per step."""
     learning_rate: float = 2e-3
@@ -65,7 +65,7 @@ class TrainPriorConfig:
 
     @property
     def stages(self) -> tuple[int, int]:
-        """Steps of the stage of the sines and of the last one; a random start has no sines to train first."""
+        """Number of steps of the second and the last stage; a random start skips the second."""
         return (self.sine_steps if self.start_curves else 0), self.steps
 
 
@@ -96,7 +96,7 @@ def check_config(config: TrainPriorConfig) -> None:
     """Reject settings that cannot be trained.
 
     Raises:
-        InputError: names the first such option.
+        InputError: an option is impossible; the message names the first.
     """
     for name, least in LEAST.items():
         value = _named(config, name)
@@ -155,7 +155,7 @@ def _expect(fine: bool, name: str, expected: str, found: object) -> None:
 
 
 def _named(config: Any, name: str) -> int | float:
-    """The value of a dotted name."""
+    """The value of a setting by its dotted name."""
     for part in name.split("."):
         config = getattr(config, part)
     return config

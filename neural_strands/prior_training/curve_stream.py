@@ -11,11 +11,11 @@ from torch import Tensor
 from neural_strands.prior.curves import CurveConfig, augment, synthetic_curves
 
 CHUNK = 2048
-"""Curves drawn together."""
+"""Number of curves drawn together."""
 PART = 512
-"""Curves built together; bounds memory."""
+"""Number of curves built together, to bound memory."""
 KEPT = 8
-"""Chunks from which batches are drawn; the oldest is dropped."""
+"""Number of chunks from which batches are drawn; a new one replaces the oldest."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class CurveStream:
     """Batches of synthetic curves, with some of the user's own strands among them.
 
     Attributes:
-        seed: of every number drawn.
-        config: what the curves look like.
+        seed: seed of all random numbers.
+        config: distribution of the curves.
         own: further strands (local metres), augmented at each use.
         own_share: share of each chunk that comes from `own`.
         steps_a_chunk: steps after which a new chunk replaces the oldest.
-        prepare: computed once per chunk and kept with it.
+        prepare: function whose result is computed once per chunk and cached with it.
     """
 
     seed: int
@@ -42,7 +42,7 @@ class CurveStream:
         object.__setattr__(self, "_chunks", OrderedDict())
 
     def draw(self, count: int, *key: int) -> Float[Tensor, "{count} point 3"]:
-        """Curves named by `key`; the same key gives the same curves."""
+        """Draw curves that depend only on the seed and `key`."""
         generator = seeded(self.seed, *key)
         parts = [min(PART, count - start) for start in range(0, count, PART)]
         curves = torch.cat([synthetic_curves(part, generator, self.config) for part in parts])

@@ -1,4 +1,4 @@
-"""Strands of a groom file in the local frames of their roots."""
+"""Reads strands of a groom file in the local frames of their roots."""
 
 from pathlib import Path
 
@@ -21,16 +21,16 @@ from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots
 
 SHORTEST = 0.003
-"""Strands shorter than this (metres) are dropped: they are stubs that no tool shows."""
+"""Shorter strands (metres) are dropped: they are stubs that no tool shows."""
 
 
 def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Tensor, "strand {points} 3"]:
     """Read a groom and express each strand in its root's frame on the head, metres, the root at 0.
 
-    Strands that are not finite, or shorter than `SHORTEST`, are left out.
+    Strands that are not finite, or shorter than `SHORTEST`, are skipped.
 
     Args:
-        groom: any file that `read_groom` takes; a capture's folder or its ground_truth.npz.
+        groom: any file that `read_groom` reads, a capture's folder, or its ground_truth.npz.
         head: mesh in the groom's frame, metres; a scalp_faces.json beside it is used. Without a head, the capture's own
             head is used, or the mannequin, fitted to the roots by a similarity that also gives unit and axes.
         points: points per strand in the result.

@@ -10,7 +10,7 @@ from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.analysis import DIRECTION_WEIGHT
 
 LIKE_SQUARED = 0.005
-"""Metres: the distance at which `absolute_loss` and `paper_loss` agree."""
+"""Distance at which `absolute_loss` and `paper_loss` agree, metres."""
 
 
 def paper_loss(
@@ -24,9 +24,9 @@ def paper_loss(
 def absolute_loss(
     decoded: Float[Tensor, "strand point 3"], true: Float[Tensor, "strand point 3"], direction_weight: float
 ) -> Float[Tensor, ""]:
-    """The paper's data term with distances that are not squared (L1): strands that are far off weigh less.
+    """The paper's data term with distances that are not squared (L1): outliers count less.
 
-    Distances are multiplied by `LIKE_SQUARED`, so that the other weights mean the same as in `paper_loss`.
+    Distances are multiplied by `LIKE_SQUARED`, so that the same weights can be used as in `paper_loss`.
     """
     distance = LIKE_SQUARED * (decoded - true).norm(dim=-1).sum(dim=1)
     return (distance + direction_weight * _unlike_directions(decoded, true)).mean()

@@ -4,7 +4,7 @@ The default has three stages: a closed-form start from the curves (`prior.whiten
 by the error that the analysis leaves; then training of the modulator, by the likelihood of the curves' latents under
 N(0, I), and of the CNN, by the error of strands decoded from noisy latents and the KL term. The `paper` preset trains
 everything together from a random start with the paper's losses. Every random number is a function of seed and step, so
-a resumed run gives the same bits as one that was never stopped.
+a resumed run gives exactly the same weights as an uninterrupted one.
 """
 
 import json
@@ -40,14 +40,14 @@ from neural_strands.prior_training.losses import (
 )
 
 HELD_OUT = 512
-"""Curves, never trained on, whose error the progress bar shows."""
+"""Number of held-out curves whose error the progress bar shows."""
 NOISY = 32
-"""Curves of a batch that are also decoded from noisy latents in the last stage of the default."""
+"""Curves per batch that are also decoded from noisy latents in the last stage of the default."""
 
 
 @dataclass
 class _Run:
-    """Everything that a checkpoint holds."""
+    """Everything that a checkpoint stores."""
 
     prior: StrandPrior
     optimiser: torch.optim.Optimizer
@@ -69,17 +69,17 @@ def train_prior(
     """Train a prior and write its weights to `out` (safetensors), with a checkpoint and a log beside it.
 
     Args:
-        out: where the weights go; they are written at every checkpoint.
+        out: file of the weights, which is written at every checkpoint.
         config: sizes, losses, steps.
-        seed: of all randomness.
+        seed: seed of all random numbers.
         minutes: wall time after which training stops early; `resume` continues from there.
         resume: continue from the checkpoint beside `out`.
         own: the user's strands in local metres, added to the synthetic curves.
         device: where to train.
-        notes: how the weights are made, kept in the file.
+        notes: how the weights are made, stored in the file.
 
     Raises:
-        InputError: the configuration cannot be trained, there is nothing to resume, the checkpoint is of another
+        InputError: the configuration is impossible, there is nothing to resume, the checkpoint has another
             configuration or seed, or a loss is not finite.
     """
     check_config(config)
@@ -163,7 +163,7 @@ def _steps(
 def _sine_loss(
     prior: StrandPrior, curves: Float[Tensor, "strand point 3"], weights: PriorLossConfig
 ) -> Float[Tensor, ""]:
-    """Error that the closed-form analysis leaves; its gradient reaches the sines (amplitudes are optimal)."""
+    """Error that remains after the closed-form analysis; its gradient reaches the sines (amplitudes are optimal)."""
     generator = prior.generator
     raw = analyse(generator, curves, prior.encoder.config.refine)
     return _data_loss(generator.synthesiser(generator.modulations(raw), curves.shape[1]), curves, weights)
@@ -259,7 +259,7 @@ def _save(out: Path, checkpoint: Path, run: _Run, described: str, notes: dict[st
 
 
 def _content(run: _Run, described: str) -> dict[str, Any]:
-    """What a checkpoint holds."""
+    """The contents of a checkpoint."""
     return {
         "described": described,
         "stage": run.stage,
@@ -272,7 +272,7 @@ def _content(run: _Run, described: str) -> dict[str, Any]:
 def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described: str) -> None:
     if not path.is_file():
         raise InputError(f"{path}: expected a checkpoint to resume from, found no file; train without --resume first.")
-    # Adam counts its steps on the CPU; its moments follow the weights to their device.
+    # Adam's step counters stay on the CPU; its moments follow the weights to their device.
     state = read_tensors(path, "a whole checkpoint", "train without --resume")
     head = state if isinstance(state, dict) else {}
     if isinstance(head.get("described"), str) and head["described"] != described:

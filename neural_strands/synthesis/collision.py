@@ -1,4 +1,4 @@
-"""Keeping strands out of the head: push points out, then integrate the strand again so that it keeps its length."""
+"""Keeps strands out of the head: pushes points out, then integrates the strand again so that it keeps its length."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -13,13 +13,13 @@ from neural_strands.synthesis.shorten import shorten
 CLEARANCE = 0.0004
 """Least height of strands above the skin once they have left it (m)."""
 RISE = 0.3
-"""How fast the clearance is reached from the root: height over length."""
+"""Slope at which the clearance is reached from the root: height over length."""
 ROOMS = (CLEARANCE, 0.003, 0.007)
-"""Heights above the skin (m) tried one after the other on strands that enter the head."""
+"""Heights above the skin (m) that are tried in turn for strands that enter the head."""
 TORN = 4.0
 """A segment this many times longer than its strand's median has been torn apart by a correction."""
 SHORTEST = 1
-"""Points that a strand keeps beyond its root, wherever it enters the head."""
+"""Fewest points that a strand keeps beyond its root, wherever it enters the head."""
 ROUNDS = 4
 """Coarse corrections, each followed by an integration of the whole strand."""
 EXACT_ROUNDS = 3
@@ -31,8 +31,8 @@ def keep_outside(
 ) -> Float[Tensor, "strand point 3"]:
     """Move strands out of the head, points and segments alike; roots stay.
 
-    Strands that still cross a thin part (an ear) are led around it with more room, and end before it if that fails too.
-    Arc lengths are kept up to the last fine correction.
+    Strands that still cross a thin part (an ear) are led around it at a larger distance, and end before it if that
+    fails too. Arc lengths are preserved except for the last fine correction.
     """
     index = SignedDistanceIndex(mesh)
     result = points.clone()

@@ -28,7 +28,7 @@ class DomeConfig:
     resolution: int = 256
     """Width and height of the images (pixels)."""
     distance: float = 1.0
-    """From the camera to the middle of the hair (m)."""
+    """Distance from the camera to the middle of the hair (m)."""
     elevation_min: float = -25.0
     """Lowest camera, degrees above the horizontal (negative: below the chin, looking up)."""
     elevation_max: float = 75.0
@@ -46,11 +46,11 @@ def dome(points: Float[Tensor, "*strand 3"], config: DomeConfig) -> tuple[Camera
     within its share of every frame.
 
     Args:
-        points: of the hair, world metres.
+        points: points of the hair, world metres.
         config: the dome.
 
     Raises:
-        InputError: too few views, elevations that cross, or cameras within the hair.
+        InputError: there are too few views, the elevations are in the wrong order, or cameras are inside the hair.
     """
     _check(config)
     flat = points.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Growing smooth strands: they leave the scalp, are combed, fall, and slide over the head in layers."""
+"""Grows smooth strands: they leave the scalp, are combed, fall, and slide over the head in layers."""
 
 import torch
 from jaxtyping import Float
@@ -15,7 +15,7 @@ POINTS = 100
 STIFF_LENGTH = 0.03
 """Length over which gravity sets in (m)."""
 LAYER_SLOPE = 0.25
-"""How fast a strand may climb to its layer: height over length."""
+"""Slope at which a strand may climb to its layer: height over length."""
 HOLD = 0.88
 """Share of gravity cancelled by friction while hair rests on the upper head and stays where it is combed."""
 HOLD_HEIGHT = 0.008

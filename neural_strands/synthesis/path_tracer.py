@@ -56,7 +56,8 @@ class TracingConfig:
     melanin: Melanin = MELANIN["brown"]
     """Pigment of the hair."""
     light_turn: float = 0.0
-    """Turn of the lights about the vertical through the hair, degrees; 90 takes what is in front to its left."""
+    """Rotation of the lights about the vertical through the hair, degrees; 90 moves those in front to the left of the
+    face."""
 
 
 class PathTracer:
@@ -70,14 +71,14 @@ class PathTracer:
         generator: torch.Generator,
         middle: Float[Tensor, "3"] | None = None,
     ) -> None:
-        """Load the scene; geometry passes through a temporary folder.
+        """Load the scene; geometry is passed through a temporary folder.
 
         Args:
             head: what the hair grows on.
             strands: the hair, world metres.
             config: quality and look.
             generator: draws pigments, skin and surroundings.
-            middle: what the lights stand around, world metres; by default the middle of the hair.
+            middle: centre of the lights, world metres; by default the middle of the hair.
 
         Raises:
             InputError: Mitsuba is not installed, or a quality setting is out of range.
@@ -217,7 +218,7 @@ def _write_hair(
 
 
 def turned(place: tuple[float, float, float], degrees: float) -> tuple[float, float, float]:
-    """A place turned about the y axis."""
+    """Rotate a position about the y axis."""
     x, y, z = place
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return cosine * x + sine * z, y, cosine * z - sine * x

@@ -1,4 +1,4 @@
-"""A stopped synthesis continues where it stopped, but only in a folder that was started with the same settings.
+"""Resumes a stopped synthesis, but only in a folder that was started with the same settings.
 
 synthesis.json is written first and records the settings.
 """
@@ -24,7 +24,7 @@ def claim_folder(folder: Path, settings: dict[str, Any], overwrite: bool = False
     With `overwrite`, a capture with other settings is removed first; a folder with anything else is never removed.
 
     Raises:
-        InputError: the folder holds something else, or a capture with other settings.
+        InputError: the folder has other contents, or a capture with other settings.
     """
     record = folder / SETTINGS
     settings = json.loads(json.dumps(settings))

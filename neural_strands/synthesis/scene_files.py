@@ -1,4 +1,4 @@
-"""The two file formats through which Mitsuba takes geometry: curves as text, meshes with vertex colours as PLY."""
+"""Writes the two file formats in which Mitsuba reads geometry: curves as text, meshes with vertex colours as PLY."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Ending strands early without changing their number of points."""
+"""Ends strands early without changing their number of points."""
 
 import torch
 from jaxtyping import Float
@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 def shorten(points: Float[Tensor, "strand point 3"], last: Float[Tensor, " strand"]) -> Float[Tensor, "strand point 3"]:
-    """End strands at this (fractional) point index, with as many points as before spaced evenly up to it."""
+    """End strands at a (fractional) point index; the same number of points is spaced evenly up to it."""
     count = points.shape[1]
     position = last[:, None] * torch.linspace(0.0, 1.0, count, device=points.device)
     left = position.floor().long().clamp(max=count - 2)

@@ -18,7 +18,7 @@ class Style:
     side_length: float = 1.0
     """Length at the lowest roots as a share of that at the crown."""
     tip_level: float | None = None
-    """Distance of the blunt cut below the lowest root (m), where strands end at the latest. None: no cut."""
+    """Distance of the blunt cut below the lowest root (m), below which no strand extends. None: no cut."""
     lift: float = 0.5
     """Slope of the first millimetres away from the scalp (0 along it, 1 at 45 degrees)."""
     gravity: float = 14.0

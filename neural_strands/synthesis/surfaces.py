@@ -12,7 +12,7 @@ from neural_strands.scalp.head import Head
 SKIN = (0.60, 0.385, 0.30)
 """Linear RGB albedo of lit skin."""
 SCALP_SHADE = 0.75
-"""How far the scalp takes on the colour of its hair, for stubble and shadow that are not drawn."""
+"""Share of the hair's colour in the scalp's, for stubble and shadow that are not modelled."""
 FINE_EDGE = 0.004
 """Mean edge length below which the mesh is fine enough for the skin texture (m)."""
 MOST_FACES = 400_000
@@ -20,7 +20,7 @@ MOST_FACES = 400_000
 
 
 def fine_mesh(head: Head) -> tuple[Mesh, Float[Tensor, " vertex"]]:
-    """The same surface with shorter edges, and the share of scalp at each vertex (1 within it, fading at its edge)."""
+    """Subdivide the surface, and compute the share of scalp at each vertex (1 within it, fading at its edge)."""
     vertices, faces = head.mesh.vertices, head.mesh.faces
     on_scalp = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
     on_scalp[head.scalp_faces] = True
@@ -65,7 +65,7 @@ def surround(height: int, generator: torch.Generator) -> Float[Tensor, "{height}
 
 
 def smooth_noise(points: Float[Tensor, "point 3"], size: float, generator: torch.Generator) -> Float[Tensor, " point"]:
-    """Value noise of unit deviation at the nodes of a lattice of `size` metres, cubically blended between them."""
+    """Value noise of unit standard deviation at the nodes of a lattice of `size` metres, cubically interpolated."""
     cell = points / size
     low = cell.amin(dim=0).floor()
     place = cell - low

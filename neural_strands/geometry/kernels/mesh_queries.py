@@ -1,21 +1,21 @@
-"""Warp kernels that ask a mesh's bounding volume hierarchy for closest points, signs and where rays meet it.
+"""Warp kernels that query a mesh's bounding volume hierarchy for closest points, signs and ray hits.
 
 A query's u and v are the weights of the first and the second corner of its face.
 """
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
 import warp as wp
 
 FARTHEST = wp.constant(1.0e6)
-"""Metres beyond which a query gives up; larger than any scene."""
+"""Largest distance of a query, metres; larger than any scene."""
 
 ACCURACY = wp.constant(2.0)
-"""Distance over size from which a cluster of faces counts as one dipole in the winding number (Barill et al. 2018)."""
+"""Ratio of distance to size above which a cluster of faces is treated as one dipole in the winding number (Barill et
+al. 2018)."""
 
 INSIDE = 0.5
 """Winding number above which a point is inside."""
@@ -51,7 +51,7 @@ def signed_kernel(
     weights: wp.array[wp.vec3],
     sign: wp.array[wp.float32],
 ) -> None:
-    """The same with the sign of the winding number; nothing outside the mesh's box (`lower` to `upper`) is inside."""
+    """Like `closest_kernel`, with the sign of the winding number; points beyond `lower` or `upper` are outside."""
     i = start + wp.tid()
     p = points[i]
     beyond = wp.max(wp.max(lower - p, p - upper))
@@ -70,7 +70,7 @@ def signed_kernel(
 @wp.kernel(enable_backward=False)
 @no_type_check
 def ray_kernel(start: int, mesh: wp.uint64, origin: wp.vec3, ray: wp.array[wp.vec3], distance: wp.array[float]) -> None:
-    """Distance along each unit ray to the first face; left as it is where there is none."""
+    """Distance along each unit ray to the first face; unchanged if there is none."""
     i = start + wp.tid()
     hit = wp.mesh_query_ray(mesh, origin, ray[i], FARTHEST)
     if hit.result:

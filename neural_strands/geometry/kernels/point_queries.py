@@ -1,6 +1,7 @@
 """Warp kernels of `point_grid` and `point_queries`.
 
-Warp reads the source of these functions itself: its array types are no Python types, so they are left unchecked.
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
@@ -24,7 +25,7 @@ class Cells:
     Attributes:
         lower: corner of the first cell.
         count: cells along each axis.
-        size: of a cell, metres.
+        size: edge of a cell, metres.
         mask: largest key of the table of rows.
     """
 
@@ -37,7 +38,7 @@ class Cells:
 @wp.func
 @no_type_check
 def cell_along(coordinate: float, lower: float, inverse_cell: float) -> int:
-    """Index of the cell that holds a coordinate."""
+    """Index of the cell that contains a coordinate."""
     return int(wp.floor((coordinate - lower) * inverse_cell))
 
 
@@ -87,7 +88,7 @@ def place_points(
 @wp.func
 @no_type_check
 def row_of(point: wp.vec3, cells: Cells) -> wp.vec2i:
-    """The y and z of the row of cells that holds a point."""
+    """The y and z of the row of cells that contains a point."""
     inverse = 1.0 / cells.size
     return wp.vec2i(cell_along(point[1], cells.lower[1], inverse), cell_along(point[2], cells.lower[2], inverse))
 
@@ -134,7 +135,7 @@ def row_span(
     beside = cells.lower[2] + float(z) * cells.size - query[2]
     gap_y = wp.max(wp.max(below, -below - cells.size), 0.0)
     gap_z = wp.max(wp.max(beside, -beside - cells.size), 0.0)
-    # Slightly more, because the cell of a point and the distance to its cell are rounded separately.
+    # The tolerance is needed because the cell of a point and the distance to a cell are rounded separately.
     square = reach * reach * 1.0001 + 1.0e-14 - gap_y * gap_y - gap_z * gap_z
     if square < 0.0:
         return wp.vec2i(0, 0)
@@ -249,7 +250,7 @@ def levels_kernel(
                             and cosine >= cosines[signed - 1]
                         ):
                             signed -= 1
-                        # A signed match is an unsigned one: the signed level is never the stricter.
+                        # A signed match is also an unsigned one, so the signed level is never the stricter.
                         reach = radii[wp.max(signed - 1, 0)]
                         if signed == 0:
                             break

@@ -1,4 +1,4 @@
-"""Warp kernels that ask views about points: which they see, and which they see to be empty (`geometry.visual_hull`)."""
+"""Warp kernels that test points in views: whether they are visible, or seen to be empty (`geometry.visual_hull`)."""
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 # pyright: reportAttributeAccessIssue=false
@@ -11,7 +11,7 @@ import warp as wp
 @wp.func
 @no_type_check
 def pixel_of(point: wp.vec3, projection: wp.mat44, width: int, height: int) -> wp.vec2i:
-    """Column and row of the pixel that shows a point; -1 where the picture does not reach it."""
+    """Column and row of the pixel that shows a point; -1 if it is outside the picture."""
     image = projection * wp.vec4(point[0], point[1], point[2], 1.0)
     if image[2] <= 0.0:
         return wp.vec2i(-1, -1)
@@ -47,7 +47,7 @@ def seen_empty(
     head: wp.array2d[float],
     hair: wp.array(dtype=wp.uint8, ndim=2),
 ) -> bool:
-    """Whether a view sees a point beside its hair, before the head; outside the picture nothing is known."""
+    """Whether a view sees a point in front of the head in a pixel without hair; false outside the picture."""
     width = hair.shape[1]
     height = hair.shape[0]
     pixel = pixel_of(point, projection, width, height)
@@ -69,7 +69,7 @@ def carve_nodes(
     hair: wp.array(dtype=wp.uint8, ndim=2),
     kept: wp.array[wp.uint8],
 ) -> None:
-    """Drop the nodes of a grid that a view sees empty."""
+    """Drop the nodes of a grid that a view sees to be empty."""
     i = start + wp.tid()
     if kept[i] == wp.uint8(0):
         return
@@ -90,7 +90,7 @@ def carve_points(
     hair: wp.array(dtype=wp.uint8, ndim=2),
     kept: wp.array[wp.uint8],
 ) -> None:
-    """Drop the points that a view sees empty."""
+    """Drop the points that a view sees to be empty."""
     i = start + wp.tid()
     if kept[i] > wp.uint8(0) and seen_empty(points[i], projection, centre, head, hair):
         kept[i] = wp.uint8(0)
@@ -110,7 +110,7 @@ def count_views(
     height: int,
     count: wp.array[int],
 ) -> None:
-    """Count the view for the points that it sees from their outward side, before the head."""
+    """Count the view for points that it sees from their outward side, in front of the head."""
     i = start + wp.tid()
     towards = wp.normalize(centre - points[i])
     if wp.dot(towards, outward[i]) < least_cosine:

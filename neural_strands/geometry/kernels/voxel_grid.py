@@ -1,11 +1,10 @@
-"""Warp kernels that read a grid of samples between its nodes (see `geometry.voxel_grid`).
+"""Warp kernels that interpolate a grid of samples (see `geometry.voxel_grid`).
 
-A place is a position in units of the spacing, counted from the first node.
+A place is a position relative to the first node, in multiples of the spacing.
 """
 
-# Warp's kernel language is not Python's type system: these rules do not hold inside it.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
-# pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
+# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
@@ -37,11 +36,11 @@ def within(place: wp.vec3, shape: wp.vec3i) -> bool:
 @wp.struct
 @no_type_check
 class Cell:
-    """The cell of eight nodes about a place.
+    """The cell of eight nodes around a place.
 
     Attributes:
         corner: the lowest of its nodes.
-        ahead: how far the place lies beyond that node.
+        ahead: offset of the place from that node.
     """
 
     corner: wp.vec3i
@@ -51,7 +50,7 @@ class Cell:
 @wp.func
 @no_type_check
 def cell_about(place: wp.vec3, shape: wp.vec3i) -> Cell:
-    """The cell of a place between the outermost nodes; some cell for what is not finite."""
+    """The cell of a place between the outermost nodes; an arbitrary cell if it is not finite."""
     cell = Cell()
     cell.corner = wp.vec3i(
         wp.clamp(int(place[0]), 0, shape[0] - 2),
@@ -65,14 +64,14 @@ def cell_about(place: wp.vec3, shape: wp.vec3i) -> Cell:
 @wp.func
 @no_type_check
 def nearest_place(place: wp.vec3, shape: wp.vec3i) -> wp.vec3:
-    """The place between the outermost nodes that is nearest to any place."""
+    """Clamp a place to the outermost nodes."""
     return wp.min(wp.max(place, wp.vec3(0.0)), last_node(shape))
 
 
 @wp.func
 @no_type_check
 def blend(values: wp.array3d[float], cell: Cell) -> float:
-    """Trilinear blend of the nodes of a cell."""
+    """Trilinear interpolation of the nodes of a cell."""
     x = cell.corner[0]
     y = cell.corner[1]
     z = cell.corner[2]
@@ -87,7 +86,7 @@ def blend(values: wp.array3d[float], cell: Cell) -> float:
 @wp.func
 @no_type_check
 def slope(values: wp.array3d[float], cell: Cell) -> wp.vec3:
-    """Gradient of that blend per spacing."""
+    """Gradient of that interpolation, per spacing."""
     x = cell.corner[0]
     y = cell.corner[1]
     z = cell.corner[2]
@@ -129,7 +128,7 @@ def slope_kernel(
     value: wp.array[float],
     gradient: wp.array[wp.vec3],
 ) -> None:
-    """Value and gradient of one channel; beyond the outermost nodes those of the border, where slopes vanish."""
+    """Value and gradient of one channel; places beyond the border are clamped, and slopes across it vanish."""
     i = start + wp.tid()
     raw = (points[i] - origin) / spacing
     place = nearest_place(raw, shape)
@@ -154,9 +153,9 @@ def sample_kernel(
     zero_outside: int,
     sampled: wp.array2d[float],
 ) -> None:
-    """Every channel (node, channel) at each point; beyond the outermost nodes the border's values, or none.
+    """Every channel (node, channel) at each point; beyond the outermost nodes the border's values, or zero.
 
-    What is sampled must be zero before.
+    `sampled` must be zero initially.
     """
     i = start + wp.tid()
     raw = (points[i] - origin) / spacing
