@@ -1,6 +1,6 @@
 """Reconstruct explicit hair strands and a neural appearance from calibrated photographs of a head.
 
-`import neural_strands as ns` loads nothing yet; a name below is loaded with its module when it is first used.
+`import neural_strands as ns` loads nothing else; each name below is loaded with its module when it is first used.
 `__init__.pyi` gives type checkers and editors the same names.
 """
 

@@ -1,6 +1,6 @@
-"""The functions of `import neural_strands as ns` that are more than a name from another module.
+"""The functions of `import neural_strands as ns` that are not simply re-exported from another module.
 
-They take paths as text or `Path`, lengths in metres, and a device as PyTorch names it. The package loads this module
+They accept paths as text or `Path`, lengths in metres, and devices with PyTorch's names. The package loads this module
 when one of its names is first used. The examples run as tests, in a folder with a small capture, its line segments and
 a run.
 """
@@ -45,13 +45,13 @@ SixNumbers = tuple[float, float, float, float, float, float]
 
 
 def load_capture(folder: Path | str) -> Capture:
-    """Read the cameras of a capture and where its images are; images are decoded when they are asked for.
+    """Read the cameras of a capture and locate its images, which are decoded when they are needed.
 
     Args:
-        folder: with images and `transforms.json` (nerfstudio) or a COLMAP model.
+        folder: folder with images and `transforms.json` (nerfstudio) or a COLMAP model.
 
     Raises:
-        InputError: there is no calibration, or it is wrong.
+        InputError: there is no calibration, or it is malformed.
 
     Examples:
         >>> import neural_strands as ns
@@ -74,13 +74,13 @@ def make_segments(
 
     Args:
         capture: all views; those that `config` holds out are not used.
-        path: npz file to write, for `fit(segments=...)`; it names the views that were used.
+        path: npz file to write, for `fit(segments=...)`; it records the views that were used.
         config: settings `stereo`, `growth`, `hold_out_every` and `seed`; by default those of `preset("fast")`.
         head: mesh in the cameras' frame, instead of the capture's own.
-        device: where stereo is computed; the segments are on the CPU.
+        device: device of the stereo; the segments are returned on the CPU.
 
     Raises:
-        InputError: no head, or fewer than two views that show hair.
+        InputError: there is no head, or fewer than two views show hair.
 
     Examples:
         >>> import neural_strands as ns
@@ -122,10 +122,10 @@ def fit(
         feedback: receives a sentence at each stage and the progress of loops; by default nothing is reported.
 
     Returns:
-        Paths of the results: `.groom` (USD), `.groom_arrays` (npz), `.model`, `.path` of the whole.
+        Paths of the results: `.groom` (USD), `.groom_arrays` (npz), `.model`, and `.path` of the folder.
 
     Raises:
-        InputError: input from which no fit is possible; nothing is written then.
+        InputError: the input makes a fit impossible; nothing is written then.
 
     Examples:
         >>> import neural_strands as ns
@@ -149,10 +149,10 @@ def fit(
 
 
 def evaluate(run: Path | str, device: Device = "cpu") -> Evaluation:
-    """Score a run: its held-out views, and its strands where the capture has true ones.
+    """Score a run: its held-out views, and its strands if the capture has true ones.
 
     Raises:
-        InputError: no run is there, or its capture has changed.
+        InputError: there is no run, or its capture has changed.
 
     Examples:
         >>> import neural_strands as ns
@@ -168,7 +168,7 @@ def load_model(folder: Path | str, device: Device = "cpu") -> HairModel:
     """Read the hair model of a run, given the run's folder or the model's own.
 
     Raises:
-        InputError: the folder holds no model, or a damaged one.
+        InputError: the folder has no model, or a damaged one.
 
     Examples:
         >>> import neural_strands as ns
@@ -203,14 +203,14 @@ def render(model: HairModel, camera: Camera, strands: Strands | None = None) -> 
 
     Args:
         model: from `load_model`.
-        camera: of a capture, from `turntable_cameras`, or your own.
-        strands: edited strands to show instead of the model's own, with `root_uv`; they are lit as they now lie.
+        camera: a capture's camera, one from `turntable_cameras`, or your own.
+        strands: edited strands to show instead of the model's own, with `root_uv`; they are relit.
 
     Returns:
         Images of the camera's size: `rgb` (sRGB, not clamped), `alpha` of the hair, and more.
 
     Raises:
-        ValueError: strands without `root_uv`.
+        ValueError: the strands have no `root_uv`.
 
     Examples:
         >>> import neural_strands as ns
@@ -234,7 +234,7 @@ def cut(
     uneven: float = 0.003,
     seed: int = 0,
 ) -> Strands:
-    """Cut strands in one of five ways; what remains of a strand keeps its appearance.
+    """Cut strands in one of five ways; the remaining part of a strand keeps its appearance.
 
     Args:
         strands: with `root_uv` if they are to be rendered.
@@ -243,11 +243,11 @@ def cut(
         plane: a point and a normal (six numbers, metres): what lies on the side of the normal is cut.
         box: two opposite corners (six numbers, metres): what lies outside is cut.
         mesh: file of a closed mesh in world metres: what lies outside is cut.
-        uneven: by how much strands may be cut shorter, metres, so that the edge looks cut by hand.
-        seed: of the uneven edge.
+        uneven: largest additional length that is cut off at random, metres, so that the edge looks cut by hand.
+        seed: seed of the uneven edge.
 
     Raises:
-        InputError: not exactly one way is given, a value is out of its range, or no hair would remain.
+        InputError: none or several ways are given, a value is out of range, or no hair would remain.
 
     Examples:
         >>> import neural_strands as ns
@@ -266,7 +266,8 @@ def write_groom(path: Path | str, strands: Strands | Groom) -> None:
     """Write strands to a groom file: .usd, .usda, .usdc, .ply, .obj, .hair, .data, .tfx or .npz, by the suffix.
 
     Raises:
-        InputError: another suffix, values that no reader accepts, or a folder that cannot be written.
+        InputError: the suffix is unknown, the strands have values that no reader accepts, or the file cannot be
+            written.
 
     Examples:
         >>> import neural_strands as ns
@@ -306,7 +307,7 @@ def score(
 
 
 def _oriented_points(source: Path | str | Strands | Groom | LineSegments, step: float) -> OrientedPoints:
-    """Samples of a file, or of what is in memory."""
+    """Sample strands or segments from a file or in memory."""
     if isinstance(source, Strands):
         return sample_strands(source.points, step)
     if isinstance(source, Groom):

@@ -54,8 +54,7 @@ class VoxelGrid:
         return torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1)
 
     def index(self, points: Float[Tensor, "point 3"]) -> tuple[Int64[Tensor, " point"], Bool[Tensor, " point"]]:
-        """Flat index of the voxel that contains each point (clamped to the box), and whether the point lies in the
-        box."""
+        """Flat index of each point's voxel (clamped to the box), and whether the point lies in the box."""
         low = points.new_tensor([first - 0.5 * self.spacing for first in self.origin])
         voxel = ((points - low) / self.spacing).floor().long()
         size = torch.tensor(self.shape, device=points.device)
