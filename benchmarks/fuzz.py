@@ -1,10 +1,11 @@
 """Damaged files for every reader: `python benchmarks/fuzz.py OUT --inputs 100000`.
 
-Each reader gets files that the project's own writers made and mutators damaged (`tests/support/mutations.py`). It
-passes if it returns or says one sentence, within ten seconds of a processor, and if a refused file has cost no more
-memory than ten times its size and a fixed slack. Every reader works in a process of its own. OUT holds one JSON
-document a reader, written every few seconds: started again, the same command goes on where it stopped. The input that
-broke a reader is kept in OUT/faults, and `--replay FILE` reads it again. Input number n of a seed is always the same.
+Each reader gets files made by the project's own writers and damaged by mutators (`tests/support/mutations.py`). It
+passes if it returns a result or raises an InputError of one sentence, within ten seconds of processor time, and if a
+refused file costs no more memory than ten times its size plus a fixed slack. Every reader runs in its own process. OUT
+contains one JSON document per reader, written every few seconds; the same command resumes a stopped run. Inputs that
+break a reader are stored in OUT/faults, and `--replay FILE` reads one again. Input number n of a seed is always the
+same.
 """
 
 import argparse
@@ -30,13 +31,13 @@ from fuzzed_readers import READERS, FuzzedReader, write_corpus  # noqa: E402
 from mutations import mutated  # noqa: E402
 
 MOST_MEMORY = 12 * 2**30
-"""Bytes that a process under test may map beyond what it has when it starts."""
+"""Memory that a process under test may map in addition to what it has at start, bytes."""
 SAVE_SECONDS, FAULTS_KEPT = 5.0, 20
 
 
 @dataclass
 class Tally:
-    """What has become of a reader's inputs so far."""
+    """Results of a reader's inputs so far."""
 
     reader: str
     seed: int
@@ -49,7 +50,7 @@ class Tally:
     faults: list[dict[str, Any]] = field(default_factory=list)
 
     def save(self, out: Path) -> None:
-        """Write it, whole."""
+        """Write the tally atomically."""
         path = tally_path(out, self.reader)
         temporary = path.with_suffix(".part")
         temporary.write_text(json.dumps(vars(self), indent=1))
@@ -72,12 +73,12 @@ def load_tally(out: Path, reader: str, seed: int) -> Tally:
 
 
 def damaged(reader: FuzzedReader, content: bytes, seed: int, number: int) -> bytes:
-    """Input number `number` of a reader."""
+    """Make input number `number` for a reader."""
     return mutated(Random(f"{reader.name} {seed} {number}"), content)
 
 
 def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) -> None:
-    """Read inputs until `inputs` of them have been read, beginning where the tally stands."""
+    """Read inputs until `inputs` of them have been read, continuing from the tally."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     mapped = 4096 * int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (mapped + MOST_MEMORY, mapped + MOST_MEMORY))
@@ -89,7 +90,7 @@ def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) 
     while tally.inputs < inputs:
         damage = damaged(reader, content, seed, tally.inputs)
         path.write_bytes(damage)
-        # A crash of the whole process leaves this behind.
+        # If the whole process crashes, this file remains.
         current.write_text(str(tally.inputs))
         outcome = give(reader.read, path)
         tally.outcomes[outcome.kind] += 1
@@ -108,7 +109,7 @@ def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) 
 
 
 def add_fault(tally: Tally, out: Path, kind: str, detail: str, damage: bytes, suffix: str) -> None:
-    """Keep the first input of each fault."""
+    """Store the first input of each fault."""
     known = {fault["detail"].rpartition(" at ")[2] if kind == "crash" else fault["kind"] for fault in tally.faults}
     new = (detail.rpartition(" at ")[2] if kind == "crash" else kind) not in known
     if new and len(tally.faults) < FAULTS_KEPT:
@@ -119,7 +120,7 @@ def add_fault(tally: Tally, out: Path, kind: str, detail: str, damage: bytes, su
 
 
 def drive(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) -> Tally:
-    """Run a reader in processes of its own; one that dies, or is stuck where no signal reaches it, is a fault."""
+    """Run a reader in separate processes; one that dies or hangs without reacting to signals is a fault."""
     current = out / f"{tally_path(out, reader.name).stem}.current"
     while (tally := load_tally(out, reader.name, seed)).inputs < inputs:
         with tempfile.TemporaryDirectory() as folder:

@@ -1,11 +1,11 @@
-"""Everything that wants a GPU, in parts of under nine minutes: `benchmarks/gpu.sh OUT [CAPTURE]`.
+"""Runs everything that needs a GPU, in parts of less than nine minutes: `benchmarks/gpu.sh OUT [CAPTURE]`.
 
-In this order: the tests that compare the device with the CPU; the speed of frames, of the prior, of a step, and of
-lines beside OpenGL's; a synthetic capture, unless CAPTURE names one; stereo; the `paper` preset and its scores. A call
-ends after `--seconds` with status 75, and the same command goes on where it stopped, the fit from its checkpoint. OUT
-holds a JSON file and a log a part, and `results.md`: tables in the form of docs/results.md. Status 1: a part has
-failed; remove its `.failed.json` to try it again. `--device cpu --quick` runs every part, tiny, within minutes on any
-machine.
+The parts, in order: tests that compare the device with the CPU; the speed of frames, of the prior, of a fit's step, and
+of line drawing compared with OpenGL; a synthetic capture, unless CAPTURE names one; stereo; the `paper` preset and its
+scores. A call ends after `--seconds` with status 75, and the same command resumes, the fit from its checkpoint. OUT
+contains a JSON file and a log per part, and `results.md` with tables in the form of docs/results.md. Status 1 means
+that a part has failed; remove its `.failed.json` to retry it. `--device cpu --quick` runs tiny versions of all parts
+within minutes on any machine.
 """
 
 import argparse
@@ -25,9 +25,9 @@ from gpu_tables import last_json, results, said
 
 ROOT = Path(__file__).resolve().parents[1]
 GO_ON = 75
-"""Exit status where time was up: EX_TEMPFAIL."""
+"""Exit status when the time is up: EX_TEMPFAIL."""
 NO_TESTS = 5
-"""pytest's status where none of a folder's tests is about the device."""
+"""pytest's status if no test in a folder uses the device."""
 TESTS = ("raster", "geometry", "model", "lmvs", "fitting", "prior")
 TINY_CAPTURE = """
 import sys
@@ -42,7 +42,7 @@ save_segments(out / "segments.npz", true_segments(write_capture(out / "capture",
 
 @dataclass(frozen=True)
 class Part:
-    """A command that is done once it has ended well.
+    """A command, which is done once it has succeeded.
 
     Attributes:
         name: of its files.
@@ -60,7 +60,7 @@ class Part:
 
 
 def parts(options: argparse.Namespace) -> list[Part]:
-    """All parts, in their order."""
+    """All parts, in order."""
     device, quick, out = options.device, options.quick, options.out
     capture, run = options.capture or out / "capture", out / "paper"
 
@@ -100,7 +100,7 @@ def parts(options: argparse.Namespace) -> list[Part]:
 
 
 def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
-    """Run a part that is not done yet.
+    """Run a part that is not yet done.
 
     Args:
         part: which.
@@ -127,7 +127,7 @@ def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
         try:
             output = process.communicate(timeout=seconds)[0]
         except subprocess.TimeoutExpired:
-            # As Ctrl-C: a fit keeps what it has.
+            # Interrupt like Ctrl-C, so that a fit saves its state.
             stopped = True
             process.send_signal(signal.SIGINT)
             output = process.communicate()[0]
@@ -146,7 +146,7 @@ def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
 
 
 def machine(device: str) -> dict[str, str]:
-    """What the figures were measured on."""
+    """Describe the machine."""
     import torch
     import warp as wp
 

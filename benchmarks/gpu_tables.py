@@ -1,4 +1,4 @@
-"""Tables in the form of docs/results.md from the records that `gpu.py` leaves."""
+"""Builds tables in the form of docs/results.md from the records of `gpu.py`."""
 
 import json
 import re
@@ -16,7 +16,7 @@ GOALS = (
     ("decode and frame, ms", 9.0, "frame_1024", lambda record: record["milliseconds"]["dynamic_frame"]),
     ("stereo, 60 views of 1024 x 1024, s", 60.0, "lmvs", lambda record: record["seconds"]),
 )
-"""What is aimed at on one H200: name, aim, part, and where its record has it; whole commands with their start."""
+"""Targets on one H200: name, target, part, and path of the figure in its record; whole commands include their start."""
 
 
 def last_json(text: str) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def last_json(text: str) -> dict[str, Any]:
 
 
 def said(text: str) -> dict[str, Any]:
-    """What a program said, and its last line by itself."""
+    """The output of a program, and its last line separately."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return {"summary": lines[-1] if lines else "", "output": text[-8000:]}
 
@@ -62,7 +62,7 @@ def results(out: Path, about: Mapping[str, str]) -> str:
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown; nothing without rows."""
+    """A table in Markdown; empty without rows."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) if rows else ""
 

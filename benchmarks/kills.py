@@ -1,8 +1,8 @@
-"""Work that is killed at random moments and started again: `python benchmarks/kills.py OUT --kills 100`.
+"""Kills work at random times and restarts it: `python benchmarks/kills.py OUT --kills 100`.
 
-A small fit or a small preparation is first done whole. Then it is done again and again, in processes
-that SIGKILL ends at random moments, up to five times before one may finish. Each result must be, byte for
-byte, that of the whole one, and nothing unfinished may lie beside it. Prints one JSON document.
+A small fit or preparation is first run without interruption. Then it is repeated in processes that SIGKILL ends at
+random times, up to five times before one may finish. Each result must be identical, byte for byte, to the uninterrupted
+one, and no unfinished files may remain. Prints one JSON document.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from neural_strands.runs import run_fit
 
 KILLS_A_ROUND = 5
 CHECKPOINT_SECONDS = 0.3
-"""A fit of seconds keeps checkpoints more often than one of minutes."""
+"""Interval between checkpoints, seconds; short, because the fit takes only seconds."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Job:
 
 
 def fit_job(folder: Path) -> Job:
-    """A fit of some seconds, of segments that are known."""
+    """A fit of a few seconds, with given segments."""
     save_segments(folder / "segments.npz", true_segments(write_capture(folder / "ball", views=6)))
     settings = folder / "tiny.json"
     settings.write_text(json.dumps(asdict(tiny_config(steps=16))))
@@ -63,7 +63,7 @@ def fit_job(folder: Path) -> Job:
 
 
 def prepare_job(folder: Path) -> Job:
-    """A preparation of some seconds, with given cameras and landmarks."""
+    """A preparation of a few seconds, with given cameras and landmarks."""
     (folder / "scene").mkdir()
     scene = write_scene(folder / "scene")
 
@@ -77,7 +77,7 @@ JOBS = {"fit": fit_job, "prepare": prepare_job}
 
 
 def survive(work: Callable[[], None], moments: Sequence[float]) -> int:
-    """Do the work in processes that are killed after so many seconds each, the last of which may end."""
+    """Run the work in processes that are killed after the given seconds each; the last one may finish."""
     killed = 0
     for moment in (*moments, float("inf")):
         child = os.fork()
@@ -97,7 +97,7 @@ def survive(work: Callable[[], None], moments: Sequence[float]) -> int:
 
 
 def in_child(work: Callable[[], None]) -> int:
-    """Status of the work, of which nothing is heard unless it fails."""
+    """Run the work and return its status; its output is shown only if it fails."""
     said = io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
         try:
@@ -110,7 +110,7 @@ def in_child(work: Callable[[], None]) -> int:
 
 
 def contents(folder: Path, patterns: Sequence[str]) -> dict[str, bytes]:
-    """The results by name."""
+    """The contents of all result files, by name."""
     files = {path for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(files)}
 

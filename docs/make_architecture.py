@@ -18,14 +18,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "neural_strands"
 PICTURE = ROOT / "docs" / "pictures" / "architecture.svg"
 ROW, BOX, MARGIN, LETTER, PADDING, GAP, PASSAGE = 78, 30, 16, 8.4, 14, 18, 4
-"""Pixels: from layer to layer, height of a box, around the picture, of a letter, beside a name, between boxes, and the
-width of a place that an arrow passes."""
+"""Sizes in pixels: distance between layers, height of a box, margin of the picture, width of a letter, padding beside a
+name, distance between boxes, and width of a passage for an arrow."""
 SWEEPS = 8
 
 Imports = dict[str, set[str]]
 """The packages that each package imports."""
 Route = list[str]
-"""The boxes and passages of an arrow, one a layer, from the package that imports to the one imported."""
+"""The boxes and passages of an arrow, one per layer, from the importing to the imported package."""
 
 
 def layers() -> list[list[str]]:
@@ -68,7 +68,7 @@ def reduced(graph: Imports) -> Imports:
 
 
 def routes(rows: list[list[str]], graph: Imports) -> list[Route]:
-    """One route an arrow; passages are added to the rows."""
+    """One route per arrow; passages are added to the rows."""
     layer = {name: number for number, row in enumerate(rows) for name in row}
     found: list[Route] = []
     for name, used in graph.items():

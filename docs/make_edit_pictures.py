@@ -3,8 +3,8 @@
     python docs/make_edit_pictures.py RUN OTHER            # all, into docs/pictures
     python docs/make_edit_pictures.py RUN OTHER --only wind haircut
 
-RUN is the run of `neural-strands demo`, OTHER one of other hair, for `blend` and `transfer`. The camera stands where
-the hair of RUN is seen well, and stays. `edits.png` puts the four of the README side by side.
+RUN is the run of `neural-strands demo`, OTHER one of other hair, for `blend` and `transfer`. All pictures share a
+camera that sees the hair of RUN well. `edits.png` puts the four of the README side by side.
 """
 
 import dataclasses
@@ -24,16 +24,16 @@ from neural_strands.runs.edited import EditedHair, open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOM = 1.12
-"""Size of what the camera takes in, in sizes of the fitted hair."""
+"""Size of the visible region, in multiples of the fitted hair's."""
 SMALLER = 0.88
-"""Size of a picture in the README's row, in sizes of the others."""
+"""Size of a picture in the README's row, relative to the others."""
 FOR_README = ("haircut", "wind", "curl", "volume")
-"""Edits beside the fitted hair in `edits.png`."""
+"""Edits shown beside the fitted hair in `edits.png`."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is edited, and where pictures go."""
+    """Options of the program."""
 
     run: Annotated[Path, tyro.conf.Positional]
     """The run whose hair is edited."""
@@ -46,11 +46,11 @@ class Arguments:
     size: int = 300
     """Width and height of one picture, pixels."""
     turn: float = 35.0
-    """Where the camera stands, degrees from the front to the hair's left."""
+    """Azimuth of the camera, degrees from the front to the hair's left."""
 
 
 def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
-    """The edits of each picture, and the moment of those that move, seconds."""
+    """The edits of each picture, and the time of moving ones, seconds."""
     breeze = Wind(direction=(1.0, 0.15, 0.3), strength=1.0, simulate=True)
     return {
         "haircut": ([Haircut(plane=(0.0, -0.06, 0.0, 0.0, -1.0, 0.0))], 0.0),
@@ -67,7 +67,7 @@ def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
 
 
 def camera_of(points: torch.Tensor, turn: float, size: int) -> Camera:
-    """The camera of a turntable that stands at an angle, with room for hair that blows."""
+    """A turntable's camera at an angle, with space for hair in the wind."""
     middle = points.mean(dim=(0, 1))
     return turntable_cameras(middle + ROOM * (points - middle), 360, (size, size))[round(turn) % 360]
 

@@ -26,17 +26,17 @@ from neural_strands.runs.edited import open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOM = 1.3
-"""Size of what the camera takes in, in sizes of the fitted hair."""
+"""Size of the visible region, in multiples of the fitted hair's."""
 SWING = 70.0
-"""How far the camera swings to either side of the face, degrees."""
+"""Angle by which the camera swings to either side of the face, degrees."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is drawn, and where it goes."""
+    """Options of the program."""
 
     run: Annotated[Path, tyro.conf.Positional]
-    """The run whose hair is blown."""
+    """The run whose hair moves in the wind."""
     out: Path = ROOT / "docs" / "pictures" / "wind.webp"
     """The picture."""
     size: int = 280

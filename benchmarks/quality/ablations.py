@@ -1,4 +1,4 @@
-"""What each part of the fit does: variants with one thing changed, on one capture, side by side.
+"""The effect of each part of the fit: variants with one change, on one capture, side by side.
 
     python benchmarks/quality/ablations.py CAPTURE OUT [--only NAME ...] [--steps 300] [--positions-prior FILE]
 
@@ -43,9 +43,9 @@ from neural_strands.runs.run_folder import weights_digest
 
 CPU = torch.device("cpu")
 SHOWN = 2
-"""Which of the held-out views the pictures show."""
+"""Held-out view that the pictures show."""
 ROOM = 0.06
-"""Of the picture's side, kept about the hair."""
+"""Share of the picture's side that is shown around the hair."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Variant:
 
 
 def variants(base: FitConfig, positions: Path | None) -> dict[str, Variant]:
-    """Every variant by name; `positions` are the weights of a generator of positions, if there are any."""
+    """All variants by name; `positions` are the weights of a generator of positions, if there are any."""
     free = replace(base.schedule, widest_blur=0.0, release_until=0.0)
     strided = replace(base.model, unet=replace(base.model.unet, alias_free=False))
     mean = mean_start(base)
@@ -89,7 +89,7 @@ def mean_start(base: FitConfig) -> FitConfig:
 
 
 def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
-    """The line segments of the training views, made unless they are there."""
+    """Load or make the line segments of the training views."""
     path = out / "segments.npz"
     if not path.is_file():
         seen = capture.subset(training_views(len(capture), config.hold_out_every))
@@ -99,12 +99,12 @@ def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
 
 
 def folder_name(name: str) -> str:
-    """A variant's name as a folder's."""
+    """Folder name of a variant."""
     return "_".join("".join(letter if letter.isalnum() else " " for letter in name).split())
 
 
 def run_variant(name: str, variant: Variant, capture: Path, out: Path) -> None:
-    """Fit, evaluate and draw one variant, unless that is done; OUT/NAME/figures.json is written last."""
+    """Fit, evaluate and draw one variant, unless it is finished; OUT/NAME/figures.json is written last."""
     run = out / folder_name(name)
     finished = run / "figures.json"
     described = json.loads(
@@ -142,7 +142,7 @@ def drawn_strands(contents: RunContents) -> torch.Tensor:
 
 
 def table(results: dict[str, dict]) -> str:
-    """One line a variant."""
+    """One line per variant."""
     wide = max(len(name) for name in results)
     names = list(next(iter(results.values()))["strands"])
     lines = ["precision / recall / F, strand consistency (percent, unsigned); hair region of held-out views; minutes"]
@@ -163,7 +163,7 @@ def table(results: dict[str, dict]) -> str:
 
 
 def hair_part(capture: Capture, index: int) -> tuple[slice, slice]:
-    """Rows and columns of a square about the hair of a view."""
+    """Rows and columns of a square around the hair of a view."""
     mask = capture.hair_mask(index)
     if mask is None:
         return slice(None), slice(None)
@@ -214,7 +214,7 @@ def write_results(names: list[str], capture: Capture, out: Path) -> None:
 
 @dataclass(frozen=True)
 class Arguments:
-    """Which variants to run, on what."""
+    """Options of the program."""
 
     capture: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture."""
@@ -229,7 +229,7 @@ class Arguments:
     preset: Preset = "fast"
     """Settings that the variants change."""
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
     positions_prior: Path | None = None
     """Weights of a prior that outputs positions."""
 

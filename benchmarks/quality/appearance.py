@@ -2,9 +2,10 @@
 
     python benchmarks/quality/appearance.py --capture ../shared/data/captures/sintel_bob --out appearance
 
-Every fifth view is held out. Beside the fitted renderer, two baselines see the same strands and photographs: one colour
-a strand, splatted; and the nearest training view, warped by the geometry. Prints one JSON object, and writes pictures
-(rendered, photographed, and the two baselines side by side) and the fitted model under --out.
+Every fifth view is held out. The fitted renderer is compared with two baselines that get the same strands and
+photographs: one colour per strand, splatted; and the nearest training view, warped by the geometry. Prints one JSON
+object, and writes pictures (rendered, photographed, and the two baselines side by side) and the fitted model under
+--out.
 """
 
 import json
@@ -50,7 +51,7 @@ from neural_strands.scalp.roots import attach_roots
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to fit, for how long."""
+    """Options of the program."""
 
     capture: Path = Path("../shared/data/captures/sintel_bob")
     """A capture with true strands and hair masks."""
@@ -77,12 +78,12 @@ class Arguments:
     blur_until: float = 1.0
     """Share of the steps after which the appearance texture's gradient is no longer blurred."""
     seed: int = 0
-    """Of first weights, views and regions."""
+    """Seed of initial weights, views and regions."""
     report_every: int = 250
     """Steps between scores of some held-out views on standard error."""
 
     def config(self) -> FitConfig:
-        """The end-to-end fit's, with the shape at rest and images from the first step."""
+        """The config of the end-to-end fit, with fixed shape and image losses from the first step."""
         model = HairModelConfig(
             textures=self.textures,
             unet=UNetConfig(self.widths, alias_free=not self.plain),
@@ -108,7 +109,7 @@ class Arguments:
 
 
 def strand_segments(strands: Strands) -> LineSegments:
-    """The true strands as line segments: what trimaps and checks look at."""
+    """The true strands as line segments, for trimaps and checks."""
     count, points = strands.points.shape[:2]
     number = torch.arange(count).repeat_interleave(points)
     along = directions(strands.points)
@@ -116,7 +117,7 @@ def strand_segments(strands: Strands) -> LineSegments:
 
 
 def known_colours(model: HairModel, strands: Strands, targets: list[View]) -> torch.Tensor:
-    """Mean colour of the pixels that each strand is seen at; of its nearest seen neighbours where it is never seen."""
+    """Mean colour of the pixels that see each strand; unseen strands take that of their nearest seen neighbours."""
     colours, weight = strand_colours(model, strands, targets)
     seen = weight > 0.5
     uv = model.root_uv
@@ -128,7 +129,7 @@ def known_colours(model: HairModel, strands: Strands, targets: list[View]) -> to
 def one_colour_a_strand(
     model: HairModel, strands: Strands, colours: torch.Tensor, camera: Camera, behind: torch.Tensor
 ) -> torch.Tensor:
-    """Baseline: one linear colour a strand, splatted as densely as the renderer does, over the fitted surround."""
+    """Baseline: one linear colour per strand, splatted as densely as by the renderer, over the fitted surround."""
     factor = model.config.supersample
     fine = camera.resized(camera.width * factor, camera.height * factor)
     lines = rasterise_lines(strands.points, fine, model.body(fine).depth, model.lines)
@@ -140,7 +141,7 @@ def one_colour_a_strand(
 
 
 def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets: list[View]) -> torch.Tensor:
-    """Baseline: every pixel takes its colour where the nearest training view sees the same point."""
+    """Baseline: every pixel takes the colour of the same point in the nearest training view."""
     ahead = torch.stack([target.camera.rotation[2] for target in targets]) @ camera.rotation[2]
     source = targets[int(ahead.argmax())]
     body = model.body(camera)

@@ -1,4 +1,4 @@
-"""Flicker of fitted models on a slow turntable: what changes between frames beyond the motion that is known.
+"""Flicker of fitted models on a slow turntable: changes between frames that the known motion does not explain.
 
     python benchmarks/quality/appearance.py --out smooth ...
     python benchmarks/quality/appearance.py --out strided --plain ...
@@ -28,25 +28,25 @@ from neural_strands.model.hair_model import HairModel, RenderOutput
 from neural_strands.model.renderer import HairRenderer
 
 SAME_DEPTH = 0.002
-"""Metres within which two frames see the same surface."""
+"""Largest distance between points of the same surface in two frames, metres."""
 INTERIOR = 0.9
-"""Coverage, averaged over 7 x 7 pixels, from which a pixel is inside the hair."""
+"""Coverage, averaged over 7 x 7 pixels, above which a pixel is inside the hair."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to turn, and how slowly."""
+    """Options of the program."""
 
     models: tuple[Path, ...]
     """Folders of fitted models."""
     capture: Path | None = None
-    """Take the true strands of this capture instead of the model's own."""
+    """Capture whose true strands are used instead of the model's own."""
     frames: int = 12
     """Frames of each turn."""
     step: float = 0.25
     """Degrees between frames."""
     starts: tuple[float, ...] = (0.0, 90.0, 180.0)
-    """Where turns begin, degrees from the front."""
+    """Starting angles of the turns, degrees from the front."""
     size: int = 512
     """Side of the image, pixels."""
 
@@ -81,7 +81,7 @@ def changes(
 
 
 def detail(image: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """Squared Laplacian of the luma inside the hair: how much fine contrast there is to flicker."""
+    """Squared Laplacian of the luma inside the hair: the fine contrast that could flicker."""
     kernel = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]
     luma = image.clamp(0, 1).mean(dim=-1)[None, None]
     return F.conv2d(luma, kernel, padding=1)[0, 0][inside].square()

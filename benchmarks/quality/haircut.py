@@ -3,13 +3,12 @@
     python benchmarks/quality/haircut.py --out haircut
 
 A groom is path traced before and after a haircut, with the same cameras, lights and pigments. Appearance is fitted to
-the pictures of before, on the true strands, so that geometry plays no part. Then the true strands are cut and rendered:
-as an edit renders them, in the light that reaches them now, and skin that hair hid in the colour of the skin around it;
-with that skin as the fit left it; with the density of the hair that is left but in the light of before; and as if
-nothing about them had changed. Scores are those of the hair in the pictures of after, in which the fit had no share;
-bias is the mean of render minus truth there, in 8-bit levels; uncovered is the PSNR of the skin that hair hid before.
-Prints one JSON object, and writes rows of pictures under --out: before, rendered and true; after, rendered in these
-four ways, and true.
+the pictures before the haircut, on the true strands, so that geometry plays no role. Then the true strands are cut and
+rendered in four ways: as an edit (relit, with uncovered skin in the colour of the skin around it); with that skin as
+the fit left it; with the density of the remaining hair but the light before the cut; and with everything unchanged.
+Scores are over the hair in the pictures after the haircut, which the fit has not seen. Bias is the mean of render minus
+truth there, in 8-bit levels; uncovered is the PSNR of the skin that hair hid before. Prints one JSON object, and writes
+rows of pictures under --out: before, rendered and true; after, rendered in these four ways, and true.
 """
 
 import json
@@ -50,16 +49,16 @@ from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
 
 @dataclass(frozen=True)
 class Arguments:
-    """The hair, its haircut, and how long appearance is fitted."""
+    """Options of the program."""
 
     out: Path = Path("haircut")
-    """Folder of the capture, the model and the pictures; finished views and a fitted model there are used again."""
+    """Folder of the capture, the model and the pictures; finished views and a fitted model in it are reused."""
     style: StyleName = "straight"
     """Style of the groom."""
     strands: int = 4000
     """Strands of the groom."""
     length: float = 0.1
-    """What the haircut leaves, metres."""
+    """Length of the hair after the haircut, metres."""
     plane: tuple[float, float, float, float, float, float] | None = None
     """A point and the normal of a plane: cuts off what lies beyond it, instead of cutting to a length."""
     views: int = 14
@@ -71,16 +70,16 @@ class Arguments:
     steps: int = 1500
     """Gradient steps of the fit."""
     seed: int = 0
-    """Of the groom, the noise and the fit."""
+    """Seed of the groom, the noise and the fit."""
 
     @property
     def haircut(self) -> Haircut:
-        """How the hair is cut."""
+        """The haircut."""
         return Haircut(length=self.length) if self.plane is None else Haircut(plane=self.plane)
 
 
 def captured(arguments: Arguments) -> tuple[Capture, SynthesisConfig]:
-    """The capture of before; finished views are kept."""
+    """Synthesise the capture before the haircut; finished views are kept."""
     head, tracing = mannequin(), TracingConfig(samples=arguments.samples)
     config = SynthesisConfig(DomeConfig(arguments.views, arguments.size), tracing, arguments.seed)
     random = torch.Generator().manual_seed(arguments.seed)
@@ -93,7 +92,7 @@ def captured(arguments: Arguments) -> tuple[Capture, SynthesisConfig]:
 def pictures_after(
     head: Head, before: Strands, after: Strands, config: SynthesisConfig, views: list[View]
 ) -> list[View]:
-    """The same cameras' pictures of the cut hair, in the light of before."""
+    """Path trace the cut hair from the same cameras, in the same light."""
     middle = (before.points.amin(dim=(0, 1)) + before.points.amax(dim=(0, 1))) / 2
     tracer = PathTracer(head, after, config.tracing, torch.Generator().manual_seed(config.seed), middle)
     found = []
@@ -104,7 +103,7 @@ def pictures_after(
 
 
 def fitted(arguments: Arguments, capture: Capture, head: Head, strands: Strands) -> HairModel:
-    """Appearance, fitted to the pictures of before."""
+    """Fit the appearance to the pictures before the haircut."""
     config = Fitting(steps=arguments.steps, crop=96, seed=arguments.seed).config()
     roots = attach_roots(head, strands.points[:, 0])
     random = torch.Generator().manual_seed(arguments.seed)

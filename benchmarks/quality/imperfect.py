@@ -1,4 +1,4 @@
-"""What imperfect input costs: the same capture with one thing wrong, and F of the strands that come out.
+"""The cost of imperfect input: one capture with one thing wrong at a time, and F of the resulting strands.
 
     python benchmarks/quality/imperfect.py CAPTURE OUT [--preset fast] [--only NAME ...] [--steps 80]
 
@@ -45,7 +45,7 @@ from neural_strands.lmvs.reconstruct import reconstruct
 from neural_strands.scalp.head import Head
 
 STRICT = THRESHOLDS[:3]
-"""The thresholds that are reported."""
+"""Reported thresholds."""
 BEND = 0.08
 """Metres over which a bent head's displacement varies."""
 ASIDE = (0.6, 0.6, -0.53)
@@ -54,7 +54,7 @@ ASIDE = (0.6, 0.6, -0.53)
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to spoil."""
+    """Options of the program."""
 
     capture: Annotated[Path, tyro.conf.Positional]
     """A capture with head, hair masks and true strands."""
@@ -70,7 +70,7 @@ class Arguments:
 
 @dataclass(frozen=True)
 class Input:
-    """What a fit is given: photographs with cameras and masks, and a head."""
+    """The input of a fit: photographs with cameras and masks, and a head."""
 
     views: tuple[View, ...]
     head: Head
@@ -86,13 +86,13 @@ def moved_head(given: Input, displaced: Callable[[Float[Tensor, "vertex 3"]], Fl
 
 
 def shifted(metres: float) -> Spoil:
-    """The whole head beside its place."""
+    """Shift the whole head."""
     offset = metres * torch.nn.functional.normalize(torch.tensor(ASIDE), dim=0)
     return lambda given: moved_head(given, lambda vertices: vertices + offset)
 
 
 def scaled(factor: float) -> Spoil:
-    """The head larger or smaller about the middle of its scalp."""
+    """Scale the head about the middle of its scalp."""
 
     def change(given: Input) -> Input:
         mesh = given.head.mesh
@@ -103,7 +103,7 @@ def scaled(factor: float) -> Spoil:
 
 
 def bent(metres: float, seed: int = 0) -> Spoil:
-    """The head displaced by a smooth random field, so many metres root mean square over the scalp."""
+    """Displace the head by a smooth random field with a given root mean square over the scalp, metres."""
 
     def change(given: Input) -> Input:
         random = torch.Generator().manual_seed(seed)
@@ -121,7 +121,7 @@ def bent(metres: float, seed: int = 0) -> Spoil:
 
 
 def resized_masks(pixels: int) -> Spoil:
-    """Hair masks dilated by so many pixels, or eroded if that is negative."""
+    """Dilate hair masks by a number of pixels, or erode them if it is negative."""
 
     def change(view: View) -> View:
         assert view.hair_mask is not None
@@ -131,7 +131,7 @@ def resized_masks(pixels: int) -> Spoil:
 
 
 def turned_cameras(pixels: float, seed: int = 0) -> Spoil:
-    """Cameras turned about a random axis across the view, so that what is in the middle moves by so many pixels."""
+    """Rotate cameras about a random axis across the view, so that the middle moves by a number of pixels."""
 
     def change(given: Input) -> Input:
         random = np.random.default_rng(seed)
@@ -148,7 +148,7 @@ def turned_cameras(pixels: float, seed: int = 0) -> Spoil:
 
 
 def exposed(stops: float, seed: int = 0) -> Spoil:
-    """Photographs brighter or darker at random, within so many stops in all, as a camera that clips would take them."""
+    """Make photographs brighter or darker at random, within a total range of stops, with clipping."""
 
     def change(given: Input) -> Input:
         random = torch.Generator().manual_seed(seed)
@@ -163,7 +163,7 @@ def exposed(stops: float, seed: int = 0) -> Spoil:
 
 
 def together(*spoils: Spoil) -> Spoil:
-    """One after the other."""
+    """Apply several defects in turn."""
 
     def change(given: Input) -> Input:
         for spoil in spoils:
@@ -194,7 +194,7 @@ VARIANTS: dict[str, Spoil] = {
 
 
 def corrected(given: Input) -> tuple[Input, int]:
-    """Masks grown or shrunk by what the photographs say of their border, as a fit does, and by how much."""
+    """Correct the masks' borders as a fit does; also returns by how much."""
     seen = [(view.image, view.hair_mask) for view in given.views if view.hair_mask is not None]
     chosen = seen[:: max(1, -(-len(seen) // MOST_VIEWS))]
     pictures = [((255 * image).round().byte().numpy(), mask.numpy() > 0.5) for image, mask in chosen]
@@ -204,7 +204,7 @@ def corrected(given: Input) -> tuple[Input, int]:
 
 @dataclass(frozen=True)
 class Row:
-    """Figures of one variant."""
+    """The figures of one variant."""
 
     name: str
     strands: int
@@ -218,7 +218,7 @@ class Row:
 
 
 def score(name: str, given: Input, truth: Float[Tensor, "strand point 3"], config: FitConfig) -> Row:
-    """Stereo, first strands and steps from this input."""
+    """Run stereo, initial strands and steps on this input."""
     given, growth = corrected(given)
     views, mesh = Views.in_memory(given.views), given.head.mesh
     random = torch.Generator().manual_seed(config.seed)
@@ -253,7 +253,7 @@ def table(rows: list[Row]) -> str:
 
 
 def main(arguments: Arguments) -> None:
-    """Run what is not finished, print the table."""
+    """Run unfinished variants and print the table."""
     capture = Capture.load(arguments.capture)
     truth, base = capture.ground_truth, preset(arguments.preset)
     if truth is None:

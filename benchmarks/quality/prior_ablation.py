@@ -1,4 +1,4 @@
-"""The effect of each loss, start and modulation of the strand prior: errors of variants that are trained alike.
+"""The effect of each loss, start and modulation of the strand prior: errors of variants that are trained equally long.
 
     python benchmarks/quality/prior_ablation.py DATA OUT [--only NAME ...] [--steps 4000] [--our-steps 500]
 
@@ -32,21 +32,21 @@ from neural_strands.prior_training.losses import kl_divergence
 from neural_strands.prior_training.train_prior import train_prior
 
 HELD_OUT = 1000
-"""Curves, never trained on."""
+"""Number of held-out curves."""
 FINE = 397
 """Points of the held-out curves; every 4th makes the 100 that are encoded, every 12th the 34."""
 CURVATURE = 1e-2
 """Weight of turns: 20 times that of directions, as in later work of the paper's first author."""
 SAMPLES = 2000
-"""Samples of N(0, I)."""
+"""Number of samples of N(0, I)."""
 OPTIMISED = 100
-"""Strands of each set whose latents are optimised."""
+"""Number of strands of each set whose latents are optimised."""
 RATE = 0.05
 """Learning rate of the optimiser of latents."""
 
 
 def variants(steps: int, our_steps: int) -> dict[str, TrainPriorConfig]:
-    """Every variant by name."""
+    """All variants by name."""
     plain = TrainPriorConfig(steps=steps, batch=128, steps_a_chunk=128)
     amplitude = GeneratorConfig(synthesiser=SynthesiserConfig(modulation="amplitude"))
     positions = GeneratorConfig(synthesiser=SynthesiserConfig(output="position"))
@@ -81,7 +81,7 @@ def file_name(name: str) -> str:
 
 
 def trained(name: str, config: TrainPriorConfig, out: Path) -> tuple[StrandPrior, float]:
-    """The prior of a variant, and the seconds that its training took (over all calls)."""
+    """The prior of a variant, and the duration of its training over all calls, seconds."""
     weights = out / f"{file_name(name)}.safetensors"
     going_on = weights.with_suffix(".checkpoint.pt").is_file()
     log = weights.with_suffix(".log.jsonl")
@@ -152,7 +152,7 @@ def table(results: dict[str, dict], kind: str) -> str:
 
 @dataclass(frozen=True)
 class Arguments:
-    """Which variants to train, and what to measure them on."""
+    """Options of the program."""
 
     data: Annotated[Path, tyro.conf.Positional]
     """Folder that holds grooms/."""
@@ -187,7 +187,7 @@ def main(arguments: Arguments) -> None:
         data = data or {key: some(strands, arguments.strands) for key, strands in sets(arguments.data).items()}
         prior, seconds = trained(name, config, arguments.out)
         if stored and stored["described"]["config"] == described["config"]:
-            seconds = stored["seconds"]  # Only measured again.
+            seconds = stored["seconds"]  # Finished variants are only measured again.
         results[name] = {"described": described, "seconds": seconds, **figures(prior, data, held_out)}
         if arguments.optimise:
             results[name]["optimised"] = optimised(prior, {"held out": held_out[:, ::4], **data}, arguments.optimise)
@@ -203,7 +203,7 @@ def main(arguments: Arguments) -> None:
 
 
 def some(strands: Tensor, count: int) -> Tensor:
-    """At most `count` strands, spread over all."""
+    """At most `count` strands, spread evenly over all."""
     return strands[:: -(-len(strands) // count)]
 
 

@@ -1,4 +1,4 @@
-"""Accuracy of the strand prior beside a PCA of the same size, on artists' grooms and on coils.
+"""Accuracy of the strand prior compared with a PCA of the same size, on artists' grooms and on coils.
 
     python benchmarks/quality/prior_quality.py DATA [--weights FILE] [--optimise 200]
 
@@ -91,7 +91,7 @@ def report(prior: StrandPrior, pca: StrandPca, name: str, strands: Tensor, steps
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to measure."""
+    """Options of the program."""
 
     data: Annotated[Path | None, tyro.conf.Positional] = None
     """Folder that holds grooms/; without it only the procedural coils are measured."""

@@ -1,11 +1,12 @@
-"""How much of an error in the strands images alone take out.
+"""How much of an error in the strands images alone can correct.
 
     python benchmarks/quality/recovery.py --capture ../shared/data/captures/sintel_bob
 
-True strands are displaced, neighbours alike, or cut short. The appearance learns on them as they are; then the
-rendering and alpha losses alone move the shape: no segments, nothing that holds strands where they are. Reported of the
-points that some photograph shows: their mean distance, across the strand, from the same point of the true strand,
-before and after; and F at 1 and 2 mm and the share of the true length, of all strands. Prints one JSON object a case.
+True strands are displaced, similarly for neighbours, or shortened. The appearance is learned on the disturbed strands;
+then only the rendering and alpha losses update the shape, without segments or any term that holds strands in place.
+Reported for points visible in photographs: the mean distance, across the strand, from the same point of the true
+strand, before and after; for all strands: F at 1 and 2 mm and the share of the true length. Prints one JSON object per
+case.
 """
 
 import json
@@ -44,18 +45,18 @@ from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.scalp.roots import attach_roots
 
 LOCK = 0.02
-"""Metres over which displacements are alike."""
+"""Correlation length of the displacements, metres."""
 WAVES = 64
-"""Plane waves that a displacement is made of."""
+"""Number of plane waves in a displacement."""
 EVERY = 10
-"""One strand in so many asks for its match."""
+"""One strand in this many is matched."""
 
 Points = Float[Tensor, "strand point 3"]
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to disturb, and for how long images may mend it."""
+    """Options of the program."""
 
     capture: Path = Path("../shared/data/captures/sintel_bob")
     """A capture with true strands and hair masks."""
@@ -68,13 +69,13 @@ class Arguments:
     shape_steps: int = 600
     """Steps that move the shape as well."""
     factor: float = 1.0
-    """Of the images' gradient that reaches the shape texture; fits use 0.05."""
+    """Factor on the image gradients that reach the shape texture; fits use 0.05."""
     rate: float = 1e-3
     """Adam's rate for the shape texture; fits use 4e-3."""
     crop: int = 160
     """Side of a region, pixels."""
     seed: int = 0
-    """Of displacements, weights, views and regions."""
+    """Seed of displacements, weights, views and regions."""
 
 
 def displacement(points: Points, size: float, seed: int) -> Points:
@@ -89,7 +90,7 @@ def displacement(points: Points, size: float, seed: int) -> Points:
 
 
 def shortened(points: Points, share: float) -> Points:
-    """Strands without the last share of their length."""
+    """Shorten strands by a share of their length."""
     place = torch.linspace(0, (1 - share) * (points.shape[1] - 1), points.shape[1])
     low = place.floor().long().clamp(max=points.shape[1] - 2)
     part = (place - low)[:, None]
@@ -113,7 +114,7 @@ def stage(arguments: Arguments, moves: bool) -> FitConfig:
 
 
 def figures(model: HairModel, true: Points, seen: Bool[Tensor, "strand point"], data: FitData) -> dict[str, float]:
-    """How far the model's strands are from the true ones, and how well it shows the photographs."""
+    """Distance of the model's strands from the true ones, and quality of its renderings."""
     with torch.no_grad():
         points = model.decode(true.shape[1]).points
         along = directions(true)
@@ -140,7 +141,7 @@ def figures(model: HairModel, true: Points, seen: Bool[Tensor, "strand point"], 
 
 
 def main(arguments: Arguments) -> None:
-    """Disturb, mend and print each case."""
+    """Disturb, correct and print each case."""
     keep_freed_memory()
     capture = Capture.load(arguments.capture)
     if capture.ground_truth is None or not held_out_views(len(capture), 5):

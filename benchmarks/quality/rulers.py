@@ -1,4 +1,4 @@
-"""What the scores of a capture can be at all, and how much they reward blur.
+"""Upper bounds of the scores on a capture, and how much they reward blur.
 
     python benchmarks/quality/rulers.py --captures ../shared/data/captures/sintel_bob
 
@@ -27,7 +27,7 @@ from neural_strands.lmvs.orientation import gaussian_blur
 
 @dataclass(frozen=True)
 class Arguments:
-    """Which captures."""
+    """Options of the program."""
 
     captures: tuple[Path, ...] = (
         Path("../shared/data/captures/sintel_bob"),
@@ -37,7 +37,7 @@ class Arguments:
     blurs: tuple[float, ...] = (1.0, 2.0, 4.0)
     """Standard deviations of the blur, pixels."""
     seed: int = 0
-    """Of the halves."""
+    """Seed of the division into halves."""
 
 
 def halves(truth: Strands, seed: int) -> dict[str, float]:

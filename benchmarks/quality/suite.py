@@ -1,4 +1,4 @@
-"""First strands on a suite of synthetic captures, half of which nobody tunes on.
+"""Scores initial strands on a suite of synthetic captures, half of which are never used for tuning.
 
     python benchmarks/quality/suite.py build ROOT [--data ../shared/data] [--only NAME ...]
     python benchmarks/quality/suite.py score ROOT [--only NAME ...] [--label NAME] [--seeds 3]
@@ -43,19 +43,20 @@ from neural_strands.pictures.lines import lines_picture
 from neural_strands.scalp.head import Head
 
 STRICT = THRESHOLDS[:3]
-"""The thresholds that are reported."""
+"""Reported thresholds."""
 ROOTED = 0.004
-"""Metres to the next true root beyond which no true hair grows: a head's scalp may be larger than a groom's."""
+"""Largest distance to a true root within which true hair grows, metres: a head's scalp may be larger than its
+groom's."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to do, and where."""
+    """Options of the program."""
 
     what: Annotated[Literal["build", "score"], tyro.conf.Positional]
     """Render the captures, or score strands on those that are rendered."""
     root: Annotated[Path, tyro.conf.Positional]
-    """Folder of everything."""
+    """Root folder of the suite."""
     data: Path = Path("../shared/data")
     """Folder of grooms, heads and captures."""
     only: tuple[str, ...] = ()
@@ -63,13 +64,13 @@ class Arguments:
     label: str = "first_strands"
     """Name of the results."""
     strands: int = 10_000
-    """First strands to trace."""
+    """Number of initial strands to trace."""
     seeds: int = 1
     """Number of seeds, of stereo and roots."""
     reuse: bool = False
-    """Take segments that an earlier score found, though the code may have changed since."""
+    """Reuse segments of an earlier score, although the code may have changed since."""
     runs: Path | None = None
-    """Folder of fits to score instead of first strands."""
+    """Folder of fits to score instead of initial strands."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Table:
 
 
 def score(case: Case, arguments: Arguments, seed: int) -> Row:
-    """Find strands of one case, or read fitted ones, and compare them with the true ones."""
+    """Trace strands of one case, or read fitted ones, and compare them with the true ones."""
     capture = Capture.load(arguments.root / "captures" / case.name)
     head, config = find_head(capture), preset("fast")
     truth = capture.ground_truth

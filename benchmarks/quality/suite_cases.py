@@ -1,8 +1,8 @@
 """The captures of the suite: which hair on which head, in which light, seen from where; and how they are made.
 
-Grooms come from the shared data (their captures hold them in metres on their heads) or are procedural. A groom that is
-wound keeps its course as the axis of a wave or a curl: locks share amplitude, length and phase, each strand adds a
-little of its own. Cases of the test half share neither winding nor light with those of the tuning half.
+Grooms come from the shared data (their captures hold them in metres on their heads) or are procedural. A wound groom
+keeps its strands as axes of waves or curls: locks share amplitude, length and phase, and each strand varies slightly.
+Cases of the test half share neither winding nor light with those of the tuning half.
 """
 
 import math
@@ -56,21 +56,21 @@ class Case:
     """One capture of the suite."""
 
     name: str
-    """Of its folder."""
+    """Name of the case and of its folder."""
     half: Literal["tuning", "test"]
     """Which half it belongs to."""
     groom: Literal["sintel_bob", "straight_long", "wavy_long"] | StyleName
     """A groom of the shared data, or a style."""
     winding: Winding | None = None
-    """How it is wound; None: as it is."""
+    """Wave or curl to add; None for none."""
     head: HeadName = "makehuman"
-    """Of procedural grooms and wavy_long; captured grooms have their own."""
+    """Number of strands of procedural grooms and wavy_long; captured grooms have their own."""
     colour: HairColour = "brown"
     """Pigment."""
     widths: float = 1.0
-    """Factor of the strands' widths."""
+    """Factor on the strands' widths."""
     light_turn: float = 0.0
-    """Turn of the lights, degrees."""
+    """Rotation of the lights, degrees."""
     views: int = 24
     """Number of cameras."""
     azimuth: float = 180.0
@@ -78,11 +78,11 @@ class Case:
     resolution: int = 384
     """Width and height of the pictures, pixels."""
     samples: int = 8
-    """Paths a pixel."""
+    """Paths per pixel."""
     strands: int = 8000
     """Of procedural grooms."""
     seed: int = 0
-    """Of everything random."""
+    """Seed of all random numbers."""
 
 
 CASES = (
@@ -119,7 +119,7 @@ def build(case: Case, data: Path, folder: Path) -> int:
 
 
 def grown(case: Case, data: Path, generator: torch.Generator) -> tuple[Head, Strands]:
-    """The head of a case and its hair before it is wound, metres."""
+    """The head of a case and its hair before winding, metres."""
     if case.groom in ("sintel_bob", "straight_long"):
         capture = Capture.load(data / "captures" / case.groom)
         if capture.ground_truth is None:

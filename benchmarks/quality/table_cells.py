@@ -1,7 +1,7 @@
-"""What fills the tables of `tables.py`: each cell runs a command of this project or a rival, once.
+"""The cells of the tables of `tables.py`: each runs a command of this project or a rival, once.
 
-A cell that is finished lies in OUT/cells as JSON and is not computed again; a command that was stopped goes on where it
-can. What fails or is not at hand is said in the table, and tried again by the next call.
+Finished cells are stored in OUT/cells as JSON and not computed again; stopped commands resume if they can. Failures and
+missing programs are named in the table, and retried by the next call.
 """
 
 import json
@@ -28,12 +28,12 @@ NO_PROGRAM = "OpenSplat's program is not given (--opensplat)"
 
 
 class MissingError(Exception):
-    """What a cell lacks, in words for the table."""
+    """A cell lacks something, which the message names for the table."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What all cells of a folder have in common; another folder is needed for others.
+    """Settings shared by all cells of a folder; other settings need another folder.
 
     Attributes:
         preset: of our fits.
@@ -76,7 +76,7 @@ class Cells:
         return self._cell(name, make)
 
     def rulers(self, capture: Path) -> dict[str, Any]:
-        """Blurred photographs against themselves, and one half of the true strands against the other."""
+        """Scores of blurred photographs, and of one half of the true strands against the other."""
         name = f"rulers_{capture.name}"
         script = str(BENCHMARKS / "quality" / "rulers.py")
         return self._cell(name, lambda: self._run(name, [script, "--captures", str(capture)]))
@@ -91,7 +91,7 @@ class Cells:
         return self._cell(name, lambda: self._splats(name, capture, shown, ours, run))
 
     def ablations(self, capture: Path, seed: int) -> dict[str, Any]:
-        """Every variant of `ablations.py`."""
+        """All variants of `ablations.py`."""
         name = f"ablations_{capture.name}_{seed}"
 
         def make() -> dict[str, Any]:
@@ -105,19 +105,19 @@ class Cells:
         return self._cell(name, make)
 
     def fewer(self, capture: Path, count: int) -> dict[str, Any]:
-        """Our fit to some of the training views, seen from the held-out cameras of all."""
+        """Our fit to some of the training views, scored on all held-out views."""
         name = f"fewer_{capture.name}_{count}"
         return self._cell(name, lambda: self._fewer(name, capture, self._shown(capture, count)))
 
     def fewer_splats(self, capture: Path, count: int) -> dict[str, Any]:
-        """OpenSplat on the same."""
+        """OpenSplat on the same views."""
         name = f"fewer_splats_{capture.name}_{count}"
         ours, shown = self.fewer(capture, count), self._shown(capture, count)
         run = self.out / "runs" / f"fewer_{capture.name}_{count}"
         return self._cell(name, lambda: self._splats(name, capture, shown, ours, run))
 
     def minutes(self, name: str) -> float:
-        """Minutes of a processor that a command took, all its calls together."""
+        """Processor time of a command over all its calls, minutes."""
         path = self.out / "cells" / f"{name}.spent"
         return float(path.read_text()) / 60 if path.is_file() else 0.0
 

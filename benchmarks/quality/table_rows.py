@@ -1,4 +1,4 @@
-"""The tables of `tables.py` as Markdown: rows from finished cells, beside those of the paper."""
+"""The tables of `tables.py` as Markdown: rows from finished cells, and those of the paper."""
 
 from collections.abc import Mapping, Sequence
 from statistics import fmean
@@ -6,7 +6,7 @@ from typing import Any
 
 LEVELS = {"1mm/10deg": "1 mm / 10°", "2mm/20deg": "2 mm / 20°", "3mm/30deg": "3 mm / 30°"}
 MEASURES = {"psnr": 2, "ssim": 3, "lpips": 3, "flip": 3, "sharpness": 2}
-"""Measures of pictures over the hair, and their digits."""
+"""Metrics of pictures over the hair, and their numbers of digits."""
 PICTURE_HEADS = ("PSNR", "SSIM", "LPIPS", "FLIP", "sharpness")
 PAPER_GEOMETRY = (
     ("paper, short: LMVS", "56.9 12.1 20.0", "93.4 30.3 45.8", "98.9 46.6 63.4"),
@@ -14,7 +14,7 @@ PAPER_GEOMETRY = (
     ("paper, long: LMVS", "26.3 16.5 20.3", "75.1 39.1 51.5", "93.5 54.0 68.5"),
     ("paper, long: strands", "32.6 14.6 20.2", "71.4 42.1 52.9", "71.4 62.9 66.9"),
 )
-"""Table 1 of the paper: other grooms, and how many strands is not said."""
+"""Table 1 of the paper: other grooms, with unknown numbers of strands."""
 PAPER_PICTURES = (
     ("NeRF", "31.71", "0.9383", "0.1598"),
     ("MVP", "32.82", "0.9599", "0.1226"),
@@ -126,7 +126,7 @@ def ablations(seeds: Sequence[dict[str, Any]]) -> str:
 
 
 def fewer_views(found: Mapping[str, tuple[dict[str, Any], dict[str, Any]]]) -> str:
-    """Where each breaks with fewer training views.
+    """Scores with fewer training views.
 
     Args:
         found: our cell and the rival's, by a label of capture and number of views.
@@ -145,7 +145,7 @@ def fewer_views(found: Mapping[str, tuple[dict[str, Any], dict[str, Any]]]) -> s
 
 
 def lacks(cells: Sequence[dict[str, Any]]) -> str:
-    """What the first unfinished cell says that it lacks; nothing where all are finished."""
+    """What the first unfinished cell lacks; empty if all are finished."""
     return next((cell["missing"] for cell in cells if "missing" in cell), "")
 
 

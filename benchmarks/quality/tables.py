@@ -1,4 +1,4 @@
-"""The tables of docs/results.md, by one command that goes on where it was stopped.
+"""Makes the tables of docs/results.md by one command, which resumes where it was stopped.
 
     python benchmarks/quality/tables.py OUT [--data DATA] [--only TABLE ...] [--opensplat PROGRAM]
 
@@ -39,7 +39,7 @@ Table = Literal["geometry", "pictures", "times", "ablations", "views"]
 
 @dataclass(frozen=True)
 class Arguments:
-    """Which tables, of what."""
+    """Options of the program."""
 
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the cells and of tables.md."""

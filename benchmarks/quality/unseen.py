@@ -1,4 +1,4 @@
-"""First strands of a synthetic capture from its frontal views alone, against the true hair that no view sees.
+"""Initial strands of a synthetic capture from its frontal views only, compared with the true hair that no view sees.
 
     python benchmarks/quality/unseen.py CAPTURE [--front 90] [--segments FILE] [--picture FILE]
 
@@ -40,14 +40,14 @@ from neural_strands.pictures.lines import lines_picture
 
 MATCH = Threshold(0.005, math.radians(40))
 STEP = 0.002
-"""Metres between the points that are compared."""
+"""Distance between compared points, metres."""
 SAME = 0.01
-"""Metres by which unseen hair may be thicker than the thickest seen."""
+"""Distance by which unseen hair may be thicker than the thickest seen hair, metres."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to trace."""
+    """Options of the program."""
 
     capture: Annotated[Path, tyro.conf.Positional]
     """A capture with true strands."""
@@ -78,7 +78,7 @@ def agreement(ours: OrientedPoints, truth: OrientedPoints, hidden: tuple[torch.T
 
 
 def figures(found: TracedStrands, truth: torch.Tensor, views: list[HeadView], head: Mesh) -> dict[str, float]:
-    """Everything that is printed about strands."""
+    """All printed figures of strands."""
     skin = SignedDistanceIndex(head)
 
     def judged(points: torch.Tensor) -> tuple[OrientedPoints, torch.Tensor, torch.Tensor]:

@@ -1,4 +1,4 @@
-"""A capture with head and masks withheld: what `prepare` finds of them, and what first strands lose by it.
+"""Withholds head and masks of a capture: how well `prepare` recovers them, and what initial strands lose by it.
 
     neural-strands prepare CAPTURE/images PREPARED --cameras CAPTURE/transforms.json --detector PYTHON
     python benchmarks/quality/withheld.py CAPTURE PREPARED [--strands 10000] [--work FOLDER] [--pictures FILE]
@@ -41,23 +41,23 @@ from neural_strands.scalp.head import Head
 
 STRICT = THRESHOLDS[:3]
 GAP = 5
-"""Pixels between strands that a mask of a region closes."""
+"""Width of gaps between strands that a mask of a region closes, pixels."""
 SHOWN = 8
 """Views in the picture."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to compare."""
+    """Options of the program."""
 
     capture: Annotated[Path, tyro.conf.Positional]
     """A capture with head, hair masks and true strands."""
     prepared: Annotated[Path, tyro.conf.Positional]
     """What `prepare` made of its pictures and cameras."""
     strands: int = 10_000
-    """First strands to trace."""
+    """Number of initial strands to trace."""
     work: Path | None = None
-    """Where segments are kept; first strands are traced only with it."""
+    """Folder for segments; without it, no strands are traced."""
     pictures: Path | None = None
     """Where to draw masks: what was missed in red, what is too much in blue."""
 

@@ -1,4 +1,4 @@
-"""3D Gaussian splats of a capture by OpenSplat, scored as our own pictures are.
+"""3D Gaussian splats of a capture by OpenSplat, scored like our own pictures.
 
     python benchmarks/rivals/opensplat.py CAPTURE OUT --program PATH (--iterations N | --minutes M)
 
@@ -40,7 +40,7 @@ from neural_strands.scalp.head import Head
 PLAIN = (0.6130, 0.0101, 0.3984)
 """The colour over which OpenSplat blends splats, encoded."""
 WHOLE = 30_000
-"""Iterations that its defaults are made for."""
+"""Number of iterations for which its defaults are made."""
 INTERVALS = {"resolution-schedule": 3000, "sh-degree-interval": 1000, "warmup-length": 500, "stop-screen-size-at": 4000}
 """Its defaults, in iterations."""
 REFINE_EVERY = 100
@@ -48,14 +48,14 @@ REFINE_EVERY = 100
 LEAST_ROUND = 50
 """Of those in a short run: gradients of fewer views are too noisy to split by."""
 PILOT = 100
-"""Iterations of the short run that tells how fast the machine is."""
+"""Number of iterations of the short run that measures the machine's speed."""
 GROWTH = 2.0
 """How much longer an iteration of a long run takes, which draws more splats."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to reconstruct, and for how long."""
+    """Options of the program."""
 
     capture: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture, with a head and hair masks."""
@@ -66,7 +66,7 @@ class Arguments:
     iterations: int | None = None
     """How many."""
     minutes: float | None = None
-    """Instead: about as many as take a processor this long, by a run of 100."""
+    """Instead of a number: about as many as take this processor time, estimated by a run of 100, minutes."""
     segments: Path | None = None
     """Line segments of the training views (`neural-strands lmvs`), instead of computing them: the first points."""
     every: int = HOLD_OUT_EVERY
@@ -78,7 +78,7 @@ class Arguments:
     head_points: int = 10_000
     """First points of the head."""
     seed: int = 0
-    """Of the choice of points; OpenSplat has a seed of its own."""
+    """Seed of the choice of points; OpenSplat has its own seed."""
 
 
 def settings(iterations: int, views: int) -> list[str]:
@@ -95,14 +95,14 @@ def settings(iterations: int, views: int) -> list[str]:
 
 @dataclass(frozen=True)
 class Spent:
-    """What a run took: minutes, and those of processors, which say more on a machine with other work."""
+    """Duration of a run: wall time and processor time, minutes; the latter is more meaningful on a busy machine."""
 
     minutes: float
     processor_minutes: float
 
 
 def train(program: Path, scene: Path, splats: Path, log: Path, options: list[str]) -> Spent:
-    """Run OpenSplat on the CPU; the splats are whole, or not there."""
+    """Run OpenSplat on the CPU; the splats are written atomically."""
     unfinished = splats.with_name(f"unfinished_{splats.name}")
     command = [str(program), str(scene), "--cpu", "--keep-crs", "-o", str(unfinished), *options]
     begin, before = time.perf_counter(), os.times()
@@ -117,7 +117,7 @@ def train(program: Path, scene: Path, splats: Path, log: Path, options: list[str
 
 
 def affordable(program: Path, out: Path, minutes: float, views: int) -> int:
-    """About how many iterations take a processor this long, by a short run."""
+    """Estimate the number of iterations that take a given processor time, by a short run."""
     pilot = train(program, out / "scene", out / "pilot.ply", out / "pilot.log", settings(PILOT, views))
     return max(round(minutes / (GROWTH * pilot.processor_minutes) * PILOT), PILOT)
 
@@ -147,7 +147,7 @@ def draw(splats: Path, capture: Capture, head: Head, shown: list[int], folder: P
 
 
 def score(folder: Path, capture: Path, every: int) -> dict[str, Any]:
-    """What `neural-strands score-views` says."""
+    """Scores by `neural-strands score-views`."""
     command = [sys.executable, "-m", "neural_strands", "score-views", str(folder), str(capture), "--json"]
     found = subprocess.run([*command, "--every", str(every)], capture_output=True, text=True, check=False)
     if found.returncode:

@@ -1,8 +1,9 @@
-"""A capture as programs for scenes of splats take it: the person before a plain surround, and points to start from.
+"""Converts a capture for programs that fit splats: the person in front of a plain surround, and initial points.
 
-Splats must also show what is behind the person. From few views they put it anywhere, held-out views suffer, and the
-comparison would be of backgrounds. So the surround is replaced by the plain colour that the program blends splats over,
-by the masks, and the rival need not learn it. In the held-out views, the photograph's own surround is put back.
+Splats must also represent what is behind the person. From few views they place it arbitrarily, held-out views suffer,
+and the comparison would be one of backgrounds. So the masks are used to replace the surround by the plain colour over
+which the program blends splats, and the rival need not learn it. In the held-out views, the photograph's own surround
+is put back.
 """
 
 import json
@@ -49,7 +50,7 @@ def person_coverage(view: View, head: Mesh) -> Float[Tensor, "height width"]:
 
 
 def surround(view: View, person: Float[Tensor, "height width"]) -> Float[Tensor, "height width 3"]:
-    """The photograph without the person, linear light: what is beside the outline goes on behind it."""
+    """The photograph without the person, linear: the surround beside the outline is continued behind it."""
     light = to_linear(view.image)
     bare = (person <= BARE).float()
     mean = (bare[..., None] * light).sum(dim=(0, 1)) / bare.sum().clamp(min=1)
@@ -74,7 +75,7 @@ def over_plain(view: View, head: Mesh, plain: Float[Tensor, "3"]) -> Float[Tenso
 def over_surround(
     colour: Float[Tensor, "height width 3"], alpha: Float[Tensor, "height width"], view: View, head: Mesh
 ) -> Float[Tensor, "height width 3"]:
-    """Splats before the surround of a photograph, encoded: the inverse of `over_plain`.
+    """Splats in front of the surround of a photograph, encoded: the inverse of `over_plain`.
 
     Args:
         colour: encoded, multiplied by the opacity.

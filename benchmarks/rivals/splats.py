@@ -26,7 +26,7 @@ REACH = 3.0
 """Standard deviations along x and y beyond which a splat is not drawn, but for SLACK pixels."""
 SLACK = 2
 LEAST_ALPHA = 1 / 255
-"""Opacity below which a splat leaves a pixel untouched."""
+"""Opacity below which a splat does not affect a pixel."""
 MOST_ALPHA = 0.999
 LEAST_LIGHT = 1e-4
 """A splat that would let less light than this through ends its pixel, and is not drawn there."""
@@ -69,7 +69,7 @@ class Splats:
 
 @dataclass(frozen=True)
 class SplatPicture:
-    """What splats look like, without anything behind them.
+    """An image of splats without a background.
 
     Attributes:
         colour: encoded (sRGB), multiplied by the opacity.

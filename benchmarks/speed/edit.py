@@ -1,4 +1,4 @@
-"""How fast hair is cut, exported and blown: wall and processor seconds, and the size of the export.
+"""Speed of cutting, exporting and wind: wall and processor seconds, and the size of the export.
 
     python benchmarks/speed/edit.py
 
@@ -33,10 +33,10 @@ from neural_strands.model.renderer import HairRenderer
 
 @dataclass(frozen=True)
 class Arguments:
-    """How much hair."""
+    """Options of the program."""
 
     strands: int = 30_000
-    """Strands that are cut and exported."""
+    """Number of strands that are cut and exported."""
     blown: int = 10_000
     """Strands in the wind."""
     frames: int = 100

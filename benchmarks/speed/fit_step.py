@@ -1,4 +1,4 @@
-"""What one step of the fit costs, part by part: `python benchmarks/speed/fit_step.py [--preset fast] [--device cpu]`.
+"""Cost of one step of the fit, part by part: `python benchmarks/speed/fit_step.py [--preset fast] [--device cpu]`.
 
 Stand-in segments above the built-in mannequin and grey photographs: no data is needed, the work is that of a real step.
 """
@@ -36,12 +36,12 @@ SEGMENT_POINTS = 100_000
 
 @dataclass(frozen=True)
 class Arguments:
-    """Which step to measure."""
+    """Options of the program."""
 
     preset: Preset = "fast"
     """Settings of the fit."""
     device: DeviceName = "cpu"
-    """Where to compute."""
+    """Device."""
     resolution: int = 512
     """Side of the photographs, pixels."""
 

@@ -1,4 +1,4 @@
-"""Line rasteriser: milliseconds and peak memory by strands and pixels, beside Mesa's OpenGL drawing the same lines.
+"""Line rasteriser: milliseconds and peak memory by strands and pixels, compared with Mesa's OpenGL on the same lines.
 
     python benchmarks/speed/lines.py [--device cpu|cuda]
 
@@ -43,7 +43,7 @@ void main() { found = segment; }
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is timed."""
+    """Options of the program."""
 
     device: str = "cpu"
     """cpu or cuda."""
@@ -66,7 +66,7 @@ def view(size: int) -> Camera:
 
 
 def timed(run: Callable[[], object], repeats: int, device: str) -> list[float]:
-    """Milliseconds of each run, after two that are not counted."""
+    """Milliseconds of each run, after two warm-up runs."""
     times = []
     for k in range(repeats + 2):
         start = time.perf_counter()
@@ -79,7 +79,7 @@ def timed(run: Callable[[], object], repeats: int, device: str) -> list[float]:
 
 
 def peak_megabytes(device: str) -> float:
-    """Most memory so far: of the GPU's tensors, or of the whole process."""
+    """Peak memory so far: of the GPU's tensors, or of the whole process."""
     if device == "cuda":
         return torch.cuda.max_memory_allocated() / 2**20
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10

@@ -33,16 +33,16 @@ STEP = 0.0005
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to reconstruct."""
+    """Options of the program."""
 
     capture: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder of the results."""
     keep: bool = False
-    """Use what OUT/work holds of an earlier run."""
+    """Reuse results of an earlier run in OUT/work."""
     device: DeviceName = "cpu"
-    """Where to compute."""
+    """Device."""
 
 
 def main(given: Arguments) -> None:
@@ -56,7 +56,7 @@ def main(given: Arguments) -> None:
     file = read_head(capture)
     head, scalp = (None, None) if file is None else (file.mesh, file.scalp_faces)
     there = None if head is None else head.to(device)
-    # Back on the CPU, so all of it is done when the clock is read.
+    # Copying to the CPU waits for the device before the clock is read.
     segments = reconstruct(views, there, LmvsConfig(), generator, given.out / "work", track).to("cpu")
     segments = orient_segments(segments, head, scalp, [], GrowthConfig())
     wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]

@@ -19,7 +19,7 @@ from neural_strands.prior.vae import load_prior
 
 
 def shortest(work: Callable[[], object], device: torch.device, repeats: int) -> float:
-    """Milliseconds of the quickest of several runs, the first not counted."""
+    """Milliseconds of the fastest of several runs, after a warm-up run."""
     times = []
     for _ in range(repeats + 1):
         if device.type == "cuda":
@@ -61,7 +61,7 @@ def measured(device: torch.device, strands: int, repeats: int) -> dict[str, floa
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to measure."""
+    """Options of the program."""
 
     device: DeviceName = "cpu"
     """Where to compute."""

@@ -32,12 +32,12 @@ from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.scalp.roots import Roots
 
 RADIUS = 0.09
-"""Of the head, metres."""
+"""Radius of the head, metres."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What to render."""
+    """Options of the program."""
 
     device: DeviceName = "cpu"
     """Where."""
@@ -50,7 +50,7 @@ class Arguments:
     supersample: int = HairModelConfig().supersample
     """Line pixels for each image pixel, along each axis."""
     lines: LineConfig = field(default_factory=lambda: LineConfig(width=2.5e-4, tip=0.33))
-    """How wide strands are: about what fits find."""
+    """Width of strands, metres; about what fits estimate."""
     runs: int = 10
     """Measured runs of each figure."""
     compile: bool = False
@@ -83,7 +83,7 @@ def hemisphere(count: int, random: torch.Generator) -> Roots:
 
 
 def hair_model(strands: int, arguments: Arguments, device: torch.device) -> HairModel:
-    """A model with random hair; the supersampling and the widths are those asked for."""
+    """A model with random hair, and the requested supersampling and widths."""
     random = torch.Generator().manual_seed(0)
     narrow = UNetConfig().widths
     widths = arguments.widths or (narrow if device.type == "cpu" else tuple(2 * width for width in narrow))

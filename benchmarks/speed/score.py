@@ -2,9 +2,8 @@
 
     python benchmarks/speed/score.py
 
-The grooms are made here: gently waving strands that leave a hemisphere of 10 cm, as dense as real hair is sampled;
-the prediction is every fourth strand, disturbed by a few millimetres. The figure asked for is below 90 s and 6 GB on
-2 cores.
+The grooms are made here: gently waving strands that leave a hemisphere of 10 cm, as dense as real hair is sampled; the
+prediction is every fourth strand, disturbed by a few millimetres. The target is less than 90 s and 6 GB on 2 cores.
 """
 
 import json

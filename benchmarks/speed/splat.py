@@ -17,7 +17,7 @@ from neural_strands.raster.visible import visible_points
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is timed."""
+    """Options of the program."""
 
     device: str = "cpu"
     """cpu or cuda."""

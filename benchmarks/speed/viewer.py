@@ -1,9 +1,10 @@
-"""How soon the page of a run is there, and how many pictures a second it draws while the camera moves.
+"""Time until the page of a run answers, and pictures per second while the camera moves.
 
     python benchmarks/speed/viewer.py RUN
 
-Starts `neural-strands view RUN` and counts the seconds until its page answers. Then it turns once around the hair as a
-person would, with pictures as small as the page makes them to keep its pace, JPEG included. Prints one JSON object.
+Starts `neural-strands view RUN` and counts the seconds until its page answers. Then the camera turns once around the
+hair as a user would move it, with pictures as small as the page makes them to keep pace, JPEG included. Prints one JSON
+object.
 """
 
 import json
@@ -34,18 +35,18 @@ from neural_strands.viewer.page import JPEG_QUALITY
 from neural_strands.viewer.render_loop import SECONDS_A_FRAME
 
 ASPECT = 1.6
-"""Of a common window."""
+"""Size of a common window."""
 FIELD_OF_VIEW = math.radians(25.0)
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is shown."""
+    """Options of the program."""
 
     run: Annotated[Path, tyro.conf.Positional]
     """Folder of a run."""
     frames: int = 60
-    """Pictures of one turn."""
+    """Number of pictures per turn."""
 
 
 def page_ready(run: Path) -> float:
@@ -64,7 +65,7 @@ def page_ready(run: Path) -> float:
 
 
 def moving(run: Path, frames: int) -> dict[str, float]:
-    """Pictures a second, wall and processor, and the median size of their longer side, the first ten left out."""
+    """Pictures per second of wall and of processor time, and the median of their longer side, without the first ten."""
     scene = open_run(run, newest_state(RunFolder(run)), torch.device("cpu"))
     assert scene.renderer is not None
     pace, took, sizes, processor = Pace(SECONDS_A_FRAME), [], [], []

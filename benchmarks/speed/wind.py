@@ -1,4 +1,4 @@
-"""How fast simulated wind is, how well strands keep their lengths, and whether any enters the body.
+"""Speed of simulated wind, how well strands keep their lengths, and whether any enters the body.
 
     python benchmarks/speed/wind.py                # strands of the shipped prior on a hemisphere
     python benchmarks/speed/wind.py --run RUN      # the hair of a run, over its head and shoulders
@@ -31,10 +31,10 @@ from neural_strands.runs.edited import open_hair
 
 @dataclass(frozen=True)
 class Arguments:
-    """How much hair."""
+    """Options of the program."""
 
     run: Path | None = None
-    """Take the hair of this run."""
+    """Run whose hair is used."""
     strands: int = 10_000
     """Strands, without a run."""
     frames: int = 100
@@ -60,7 +60,7 @@ def main(arguments: Arguments) -> None:
         else open_hair(arguments.run).hair
     )
     wind = Wind(strength=arguments.strength, simulate=True, guides=arguments.guides, seconds=arguments.frames / 24)
-    # Kernels are compiled once for all.
+    # Compile kernels before timing.
     warm = hair_motion(replace(hair, strands=hair.strands.select(torch.arange(10))), [wind])
     assert warm is not None
     warm.at(0.1)
