@@ -4,6 +4,7 @@ import importlib
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,16 @@ def test_names_on_pages_exist(page: Path):
     assert [file for file in FILE.findall(text) if not (ROOT / file).exists()] == []
     assert [link for link in LINK.findall(text) if not (page.parent / link).exists()] == []
     assert set(COMMAND.findall(text)) <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=relative)
+def test_examples_have_one_command_on_a_line(page: Path):
+    # Lines merged into one, as when a block is wrapped like prose, no longer run.
+    blocks = re.findall(r"^```\w*\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines()]
+    assert [line for line in lines if len(COMMAND.findall(line)) > 1 or line.startswith("--")] == []
+    for block in re.findall(r"^```toml\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        tomllib.loads(block)
 
 
 def test_the_names_are_found():
