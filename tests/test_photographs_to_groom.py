@@ -1,4 +1,4 @@
-"""From bare photographs to a groom: cameras, head, scale and masks are all found again."""
+"""From bare photographs to a groom: cameras, head, scale and masks are all recovered."""
 
 import json
 import math

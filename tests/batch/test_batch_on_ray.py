@@ -1,4 +1,4 @@
-"""A batch on a cluster of two nodes, of which one is killed in the middle; a subject that fails; going on."""
+"""A batch on a cluster of two nodes, one of which is killed halfway; a failing subject; resuming."""
 
 import json
 import os
@@ -18,7 +18,7 @@ RESULTS = ("run/groom.npz", "run/groom.usd", "run/model/model.safetensors", "run
 
 @pytest.fixture
 def nodes():
-    """Two nodes; they end with the test."""
+    """Two nodes, which end with the test."""
     pytest.importorskip("ray", reason="the extra batch is not installed")
     with subprocess.Popen(
         [sys.executable, str(SUPPORT / "ray_nodes.py")],

@@ -1,4 +1,4 @@
-"""Places here and in an object store: a real server of S3's protocol, in a process of its own."""
+"""Local and remote places: a real S3 server in a separate process."""
 
 import os
 import socket
@@ -145,7 +145,7 @@ def test_a_fit_in_an_object_store_goes_on_elsewhere_with_the_same_bits(bucket, t
 
     def stopped(*arguments):
         steps.append(1)
-        # The forecast takes steps too, in a folder of no batch.
+        # The forecast takes steps too, outside any batch's folder.
         if len(steps) == 8:
             raise KeyboardInterrupt
         take(*arguments)

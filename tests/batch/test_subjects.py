@@ -1,4 +1,4 @@
-"""Files of subjects: what they say, and one sentence for each thing that is wrong."""
+"""Files of subjects: what they contain, and one sentence for each possible mistake."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Modules of the benchmarks, which are programs and no package."""
+"""Access to modules of the benchmarks, which are programs rather than a package."""
 
 import importlib
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""The command around OpenSplat, with a program of its interface that exports the points that it was given."""
+"""The command around OpenSplat, with a stand-in program that exports the points that it was given."""
 
 import json
 import stat

@@ -1,4 +1,4 @@
-"""What rivals are shown: the person before a plain surround, and back before that of the photograph."""
+"""The input of rivals: the person in front of a plain surround, and back in front of the photograph's."""
 
 import json
 

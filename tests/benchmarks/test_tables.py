@@ -1,4 +1,4 @@
-"""The command for all tables: what is finished stays, what is missing is named, and figures land in their columns."""
+"""The command for all tables: finished cells stay, missing ones are named, and figures are in their columns."""
 
 import json
 
@@ -37,7 +37,7 @@ def picture(psnr):
 
 
 def answers(name, words):
-    """What the commands of a cell print, as their own tests have it."""
+    """Output of a cell's commands, as in their own tests."""
     seed = float(name.rsplit("_", 1)[1]) if name.startswith(("fit", "evaluate")) else 0.0
     if name.startswith(("fit", "fewer")) and "fit" in words:
         return {"strands": 6000, "steps": 400}
@@ -64,7 +64,7 @@ def answers(name, words):
 
 @pytest.fixture
 def faked(cells, monkeypatch):
-    """Commands that only answer; their names in the order of their calls."""
+    """Replace commands by ones that only answer; yields their names in the order of the calls."""
     called = []
 
     def run(self, name, words):

@@ -1,4 +1,4 @@
-"""Heads in and out of their place, against masks of what cameras see of the right one."""
+"""Correct and misplaced heads, against masks of what cameras see of the correct one."""
 
 import math
 from collections.abc import Sequence
@@ -74,7 +74,7 @@ def test_a_head_in_its_place_is_told_from_others():
         judged = judge_agreement(head_agreement(wrong, scalp, views))
         assert judged.level in ("warning", "error"), name
         assert "same frame" in judged.action or "share one frame" in judged.action
-    # Twice too far up there is no doubt.
+    # Shifted upwards twice as far, the head is certainly wrong.
     assert judge_agreement(head_agreement(moved(mesh, 0, 0.12, 0), scalp, views)).level == "error"
 
 

@@ -1,4 +1,4 @@
-"""Where masks end against where hair ends, on drawn pictures whose hair is known."""
+"""Offsets between masks and hair, on drawn pictures whose hair is known."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -94,7 +94,7 @@ def test_a_capture_is_corrected_and_its_file_is_not(tmp_path: Path):
     corrected = with_corrected_masks(capture, capture.subset([0, 1, 2]), said.append)
     assert round(corrected.mask_growth * SIDE) in (4, 5, 6)
     assert "inside the hair" in said[0]
-    # Photographs that were not looked at are corrected by as much.
+    # Photographs that were not examined are corrected by the same amount.
     mask, true = corrected.hair_mask(3), picture(3)[1]
     assert mask is not None
     wrong = (mask.numpy() > 0.5) ^ true

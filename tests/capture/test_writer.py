@@ -1,4 +1,4 @@
-"""What a capture's writer writes, its readers give back."""
+"""Captures that are written are read back unchanged."""
 
 import json
 import math

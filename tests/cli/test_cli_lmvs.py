@@ -90,7 +90,7 @@ def test_strokes_turn_segments_without_computing_views_again(ball, tmp_path):
     out = tmp_path / "out"
     assert main(["lmvs", str(ball), str(out)]) == 0
     down, before = load_segments(out / "segments.npz"), stamps(out)
-    # Strokes against the hang, all round.
+    # Strokes that run upwards, all around.
     strokes = []
     for azimuth in np.linspace(0, 2 * np.pi, 24, endpoint=False):
         polar = np.linspace(1.6, 0.3, 20)

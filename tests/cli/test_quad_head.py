@@ -61,7 +61,7 @@ def capture(tmp_path):
 
 @pytest.fixture
 def read(monkeypatch):
-    """Every head that is read from files, whoever reads it."""
+    """Record every head that is read from files, whichever command reads it."""
     found, make = [], HeadFile.__init__
 
     def record(self, *arguments, **named):
@@ -81,7 +81,7 @@ def assert_read(read, area):
 
 @pytest.mark.parametrize("given", [False, True])
 def test_commands_on_a_capture_see_the_same_scalp(capture, read, capsys, given):
-    """Each but `check` then ends, in one sentence, at the first thing that it lacks after the head."""
+    """Each except `check` then fails, in one sentence, at the first other thing that it lacks."""
     ball, area = str(capture / "ball"), scalp_area()
     head = ["--head", str(capture / "other" / "head.obj")] if given else []
     if given:
@@ -161,7 +161,7 @@ def test_a_head_that_is_not_in_metres_is_refused_in_one_sentence(capture, capsys
         assert "wrong scale: expected a head in metres" in told.err
     assert not (capture / "run").exists()
     if factor > 1:
-        # Where there is no frame to be in, the unit is guessed.
+        # Without a frame, the unit is guessed.
         assert main(["head", str(path), "--roots", "10", "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["scalp_area_cm2"] == pytest.approx(1e4 * scalp_area(), abs=0.1)
 

@@ -53,7 +53,7 @@ def test_same_seed_same_strands(model):
 
 
 def test_between_hair_that_differs_new_strands_follow_one_side(model):
-    """Texels of short and of long strands meet at u = 0.5: what blends them would be of neither length."""
+    """Texels of short and of long strands meet at u = 0.5: interpolated strands would have neither length."""
     shape = ScalpShape.of(model)
     texture = torch.zeros_like(shape.texture)
     for columns, length in ((slice(None, 8), 0.02), (slice(8, None), 0.3)):

@@ -1,4 +1,4 @@
-"""Strands kept out of a body, against the twin and against the ball's own formula."""
+"""Strands kept out of a body, compared with the plain torch version and the formula of a ball."""
 
 import pytest
 import torch

@@ -133,7 +133,7 @@ def test_a_step_minimises_the_energy_of_the_rod():
     turns = segment_turns(state, rods).double()
 
     def energy(unknown: Tensor) -> Tensor:
-        """Of the implicit step, written down from its definition, segment by segment."""
+        """The energy of the implicit step, from its definition, segment by segment."""
         here = torch.cat([rest[:, :1].double(), unknown], dim=1)
         length, mass = rods.length.double(), rods.mass.double()
         rate = 1 / rods.seconds

@@ -77,12 +77,12 @@ def test_followers_turn_with_their_guides(hair):
     points = hair.strands.points
     followers = Followers.of(points, 40, 12)
     assert torch.allclose(followers.weights.sum(dim=1), torch.ones(len(points)))
-    # All guides turn alike: so do all strands.
+    # If all guides rotate alike, so do all strands.
     turn = torch.tensor([0.0, math.sin(0.4), 0.0, math.cos(0.4)])
     alike = followers.turned(turn.repeat(40, 11, 1))
     matrix = torch.tensor([[math.cos(0.8), 0, math.sin(0.8)], [0, 1, 0], [-math.sin(0.8), 0, math.cos(0.8)]])
     assert torch.allclose(alike, followers.steps @ matrix.T, atol=1e-6)
-    # Guides that turn each in its own way, against the twin.
+    # Guides with different rotations, compared with the plain torch version.
     small = 0.3 * torch.randn(40, 11, 3, generator=torch.Generator().manual_seed(0))
     turns = torch.nn.functional.normalize(torch.nn.functional.pad(small, (0, 1), value=1.0), dim=-1)
     found = followers.turned(turns)

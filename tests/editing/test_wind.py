@@ -1,4 +1,4 @@
-"""Quick wind: what it keeps, where it leads, and how it varies."""
+"""Quick wind: what it preserves, its direction, and its variation."""
 
 import math
 from dataclasses import replace
@@ -86,7 +86,7 @@ def test_it_begins_at_rest_and_moves_smoothly_in_space_and_time():
     between_strands = (tips[:, 1:] - tips[:, :-1]).norm(dim=-1)
     assert between_frames.max() < 0.03
     assert between_strands.max() < 0.03
-    # But it does move.
+    # But the hair does move.
     assert (tips.amax(dim=0) - tips.amin(dim=0)).norm(dim=-1).min() > 0.03
 
 

@@ -1,4 +1,4 @@
-"""A whole fit of a tiny capture: it learns, it resumes to the same bits, it refuses what it must."""
+"""A whole fit of a tiny capture: it learns, resumes to the same bits, and refuses bad input."""
 
 import copy
 import itertools

@@ -1,4 +1,4 @@
-"""Masks of the person decide what teaches body and background: by hand, in closed form, and over a whole tiny fit."""
+"""Person masks determine which pixels teach body and background: by hand, in closed form, and over a tiny fit."""
 
 from dataclasses import replace
 

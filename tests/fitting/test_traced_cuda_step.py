@@ -1,4 +1,4 @@
-"""The losses of an image step traced on a CUDA device that is not there: devices, shapes, waits of the host."""
+"""The losses of an image step, traced on a fake CUDA device: devices, shapes, synchronisations."""
 
 import torch
 from tiny_capture import tiny_config

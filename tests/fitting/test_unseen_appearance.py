@@ -1,4 +1,4 @@
-"""Texels that no photograph shows take the look of their neighbours; the others keep theirs."""
+"""Texels that no photograph shows take the appearance of their neighbours; the others keep their own."""
 
 import math
 
@@ -67,5 +67,5 @@ def test_a_fit_remembers_where_its_photographs_were_taken_from(scene):
 
 
 def read(model: HairModel) -> torch.Tensor:
-    """What the strands read of the appearance."""
+    """The appearance that the strands read."""
     return model.textures.sample_appearance(model.root_uv).detach()

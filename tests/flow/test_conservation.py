@@ -1,4 +1,4 @@
-"""Flows that conserve hair against a dense least-squares solve, and strands against room that they have to fill."""
+"""Flows that conserve hair against a dense least-squares solve, and strands against the space that they should fill."""
 
 from dataclasses import replace
 
@@ -116,7 +116,7 @@ def test_strands_from_a_scalp_fill_the_room_above_it():
         assert len(crossing) > 100
         return float((crossing > 0.006).float().mean())
 
-    # The more rounds, the evener: half of the strands belong into the upper half of the room.
+    # More rounds spread strands more evenly: half of them belong in the upper half of the space.
     assert upper_half(0) == 0.0
     assert upper_half(0) < upper_half(1) < upper_half(4) < upper_half(12)
     assert 0.3 < upper_half(12) < 0.6

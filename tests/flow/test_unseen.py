@@ -1,4 +1,4 @@
-"""Hair that no view sees, continued over a ball, against closed forms."""
+"""Hair that no view sees, extrapolated over a ball, against closed forms."""
 
 import math
 
@@ -141,7 +141,7 @@ def test_unseen_hair_lies_down_within_a_shell(ball: Mesh, front: list[HeadView],
     places = GRID.nodes().reshape(-1, 3)[guess.voxels]
     assert len(places) > 100
     assert domain.reshape(-1)[guess.voxels].all()
-    # Nothing is left of the room behind the shell.
+    # No space is left behind the shell.
     left = GRID.nodes()[domain]
     assert (left[:, ::2].norm(dim=-1) < RADIUS + THICK + 0.006).all()
     assert (left.norm(dim=-1) < RADIUS + THICK + 0.006)[left[:, 1] > 0].all()

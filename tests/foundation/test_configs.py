@@ -1,4 +1,4 @@
-"""Config dataclasses: what `asdict` and JSON made of them comes back, everything else is one sentence."""
+"""Config dataclasses: round trips through `asdict` and JSON, and one sentence for everything else."""
 
 import json
 from dataclasses import asdict, dataclass, field

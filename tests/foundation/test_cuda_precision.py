@@ -1,4 +1,4 @@
-"""What CUDA would round is computed as it is on the CPU where that matters."""
+"""Where it matters, CUDA computes with the precision of the CPU."""
 
 from contextlib import nullcontext
 

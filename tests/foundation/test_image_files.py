@@ -1,4 +1,4 @@
-"""The header of an image is believed only so far, and nothing is decoded for it."""
+"""The headers of images are checked without decoding anything."""
 
 import io
 import struct

@@ -1,4 +1,4 @@
-"""JSON from files that may hold anything: values where they are expected, one sentence otherwise."""
+"""JSON from untrusted files: the expected values, or one sentence."""
 
 import gzip
 import json
@@ -113,7 +113,7 @@ def test_constants_are_let_through_where_they_are_wanted():
 
 
 def take_everything(value: JsonValue) -> None:
-    """Every way to take a value; each gives it or refuses it."""
+    """Every way to take a value; each returns or refuses it."""
     ways = (JsonValue.number, JsonValue.flag, JsonValue.text, JsonValue.elements, JsonValue.members)
     for way in (*ways, lambda v: v.whole(0, 9), lambda v: v.array(None, 3), lambda v: v.wholes(0, 9)):
         with suppress(InputError):

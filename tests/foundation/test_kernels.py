@@ -1,7 +1,6 @@
 """Warp kernels over torch tensors: the same values as torch, in one piece or split."""
 
-# Warp's kernel language is not Python's type system.
-# pyright: reportIndexIssue=false, reportOperatorIssue=false
+# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 import functools
 

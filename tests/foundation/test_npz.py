@@ -1,4 +1,4 @@
-"""Arrays from archives that may hold anything: what was written, or one sentence before memory is taken."""
+"""Arrays from untrusted archives: what was written, or one sentence before memory is allocated."""
 
 import io
 import struct

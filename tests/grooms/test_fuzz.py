@@ -1,4 +1,4 @@
-"""Every reader, fed noise or damaged files, gives a groom or an InputError: nothing else, and no huge allocation."""
+"""Every reader, given noise or damaged files, returns a groom or raises InputError, without huge allocations."""
 
 from collections.abc import Callable
 from functools import cache

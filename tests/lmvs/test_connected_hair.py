@@ -1,4 +1,4 @@
-"""Where no masks are: the large masses of segments, held to clusters that are known."""
+"""Without masks: large masses of segments, compared with known clusters."""
 
 import torch
 

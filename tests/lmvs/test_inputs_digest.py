@@ -1,4 +1,4 @@
-"""A folder of results is used again only for the same photographs, head and settings."""
+"""Stored results are reused only for the same photographs, head and settings."""
 
 import logging
 from dataclasses import replace

@@ -53,14 +53,14 @@ def test_what_falls_tells_what_rises_even_without_a_head(generator: torch.Genera
         return float((agree * rising).sum() / rising.sum())
 
     assert right(GrowthConfig()) > 0.99
-    # Where gravity says more than neighbours do, what rises is turned round.
+    # If gravity outweighs neighbours, rising hair is reversed.
     assert right(GrowthConfig(gravity=0.5)) < 0.5
 
 
 def test_a_stroke_overrides_and_spreads(generator: torch.Generator):
     segments, flipped = fountain(generator)
     truth = flip_segments(segments, flipped)
-    # One stroke up against all the hair of one strand: the whole connected style turns round.
+    # One upward stroke along a single strand reverses the whole connected hair.
     stroke = truth.points[:40].flip(0)
     strong = GrowthConfig(scalp=0.0, gravity=0.0, stroke_reach=2.0)
     found = orient_segments(segments, sphere(), None, [stroke], strong)

@@ -1,4 +1,4 @@
-"""The kernels are held to their twins in plain torch."""
+"""The kernels are compared with their plain torch versions."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Strands cut in half and resampled look, where they remain, as they did before: t says where they are."""
+"""Strands cut in half and resampled look as before in their remaining part, because t is preserved."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Cameras far from all photographs, against closed forms and against hair that really is turned."""
+"""Cameras far from all photographs, against closed forms and against actually rotated hair."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A frame traced on a CUDA device that is not there: devices, shapes, and how often the host would wait."""
+"""A frame traced on a fake CUDA device: devices, shapes, and number of synchronisations."""
 
 import pytest
 import torch

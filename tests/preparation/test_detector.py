@@ -1,5 +1,4 @@
-"""The detector's process: answers are read, failures give one sentence. The real one is tested where it is
-installed."""
+"""The detector's process: answers are read, failures give one sentence. The real one is tested if it is installed."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Structure from motion on real photographs, and what is said where there is nothing to find."""
+"""Structure from motion on real photographs, and the message if there is nothing to find."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Stages: done once, done again when an input changes, nothing left of one that failed."""
+"""Stages run once, run again when an input changes, and leave nothing behind if they fail."""
 
 from pathlib import Path
 

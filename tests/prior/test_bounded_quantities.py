@@ -1,4 +1,4 @@
-"""Bounded quantities: their inverses, and what becomes of lengths beyond those of training."""
+"""Bounded quantities: their inverses, and lengths beyond those of training."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Edited folders: what they hold, and that they open again wherever they are moved with their source."""
+"""Edited folders: their contents, and that they open again after being moved with their source."""
 
 import json
 import shutil

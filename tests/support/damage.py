@@ -48,7 +48,7 @@ def merged(values: dict, changes: dict) -> dict:
 
 
 def fuzz(examples: int) -> Callable[[Callable], Callable]:
-    """The same examples in every run, as many as told."""
+    """The same examples in every run, in the given number."""
     checks = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
     return settings(max_examples=examples, deadline=None, suppress_health_check=checks, derandomize=True, database=None)
 

@@ -8,7 +8,7 @@ from neural_strands.viewer.render_loop import RenderLoop
 
 
 class Recorder:
-    """Draws nothing, remembers what it was asked for, and can be held up."""
+    """Draws nothing, records requests, and can be made to wait."""
 
     def __init__(self):
         self.drawn = []

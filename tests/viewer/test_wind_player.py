@@ -70,7 +70,7 @@ def test_the_wind_ends_when_it_is_undone(scene):
     page.scene = scene
     assert ended.wait(60)
     assert page.moments[-1] is None
-    # What is told of the end may stop the player from its own thread.
+    # The callback at the end may stop the player from its own thread.
     player.stop()
 
 
