@@ -41,9 +41,9 @@ def results(out: Path, about: Mapping[str, str]) -> str:
     """All tables for which there are records."""
     records = {path.stem: json.loads(path.read_text()) for path in sorted(out.glob("*.json")) if _is_record(path)}
     failed = [path.name.removesuffix(".failed.json") for path in sorted(out.glob("*.failed.json"))]
-    told = ["## On a GPU", ", ".join(f"{name} {value}" for name, value in about.items())]
+    parts = ["## On a GPU", ", ".join(f"{name} {value}" for name, value in about.items())]
     if failed:
-        told.append(f"Failed, see the logs: {', '.join(failed)}.")
+        parts.append(f"Failed, see the logs: {', '.join(failed)}.")
     for title, found in (
         ("Goals", _goals(records)),
         ("The device against the CPU", _parity(records)),
@@ -54,11 +54,11 @@ def results(out: Path, about: Mapping[str, str]) -> str:
         ("Images", _images(records)),
     ):
         if found:
-            told += [f"### {title}", found]
+            parts += [f"### {title}", found]
     for name, heading in (("lines", "Lines, and OpenGL's"), ("lmvs", "Stereo")):
         if name in records:
-            told += [f"### {heading}", f"```\n{records[name]['output'].strip()}\n```"]
-    return "\n\n".join(told) + "\n"
+            parts += [f"### {heading}", f"```\n{records[name]['output'].strip()}\n```"]
+    return "\n\n".join(parts) + "\n"
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

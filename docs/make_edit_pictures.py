@@ -23,7 +23,7 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.edited import EditedHair, open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOM = 1.12
+FRAMING = 1.12
 """Size of the visible region, in multiples of the fitted hair's."""
 SMALLER = 0.88
 """Size of a picture in the README's row, relative to the others."""
@@ -69,7 +69,7 @@ def edits(other: Path) -> dict[str, tuple[list[Edit], float]]:
 def camera_of(points: torch.Tensor, turn: float, size: int) -> Camera:
     """A turntable's camera at an angle, with space for hair in the wind."""
     middle = points.mean(dim=(0, 1))
-    return turntable_cameras(middle + ROOM * (points - middle), 360, (size, size))[round(turn) % 360]
+    return turntable_cameras(middle + FRAMING * (points - middle), 360, (size, size))[round(turn) % 360]
 
 
 def picture(fitted: EditedHair, wanted: list[Edit], moment: float, camera: Camera) -> torch.Tensor:

@@ -25,7 +25,7 @@ from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.edited import open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOM = 1.3
+FRAMING = 1.3
 """Size of the visible region, in multiples of the fitted hair's."""
 SWING = 70.0
 """Angle by which the camera swings to either side of the face, degrees."""
@@ -53,7 +53,7 @@ def main(arguments: Arguments) -> None:
     assert motion is not None
     points, side = hair.strands.points, arguments.size
     middle = points.mean(dim=(0, 1))
-    around = turntable_cameras(middle + ROOM * (points - middle), 360, (side, side))
+    around = turntable_cameras(middle + FRAMING * (points - middle), 360, (side, side))
     turns = SWING * (2 * math.pi * torch.arange(wind.frames) / wind.frames).sin()
     cameras = [around[round(turn) % 360] for turn in turns.tolist()]
     renderer, frames = HairRenderer.of(hair.modelled("wind"), hair.strands), []

@@ -44,7 +44,7 @@ from neural_strands.runs.run_folder import weights_digest
 CPU = torch.device("cpu")
 SHOWN = 2
 """Held-out view that the pictures show."""
-ROOM = 0.06
+MARGIN = 0.06
 """Share of the picture's side that is shown around the hair."""
 
 
@@ -168,7 +168,7 @@ def hair_part(capture: Capture, index: int) -> tuple[slice, slice]:
     if mask is None:
         return slice(None), slice(None)
     row, column = torch.nonzero(mask > 0.5).T
-    side = int((1 + ROOM) * max(int(row.max() - row.min()), int(column.max() - column.min())))
+    side = int((1 + MARGIN) * max(int(row.max() - row.min()), int(column.max() - column.min())))
     top = max(0, int(row.max() + row.min() - side) // 2)
     left = max(0, int(column.max() + column.min() - side) // 2)
     return slice(top, top + side), slice(left, left + side)

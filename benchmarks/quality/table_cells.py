@@ -180,8 +180,10 @@ class Cells:
         log.parent.mkdir(parents=True, exist_ok=True)
         print(f"{name} ...", file=sys.stderr, flush=True)
         before = os.times()
-        with log.open("a") as told:
-            done = subprocess.run([sys.executable, *words], stdout=subprocess.PIPE, stderr=told, text=True, check=False)
+        with log.open("a") as log_file:
+            done = subprocess.run(
+                [sys.executable, *words], stdout=subprocess.PIPE, stderr=log_file, text=True, check=False
+            )
         after = os.times()
         used = after.children_user + after.children_system - before.children_user - before.children_system
         spent.write_text(str(60 * self.minutes(name) + used))

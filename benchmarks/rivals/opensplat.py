@@ -106,8 +106,8 @@ def train(program: Path, scene: Path, splats: Path, log: Path, options: list[str
     unfinished = splats.with_name(f"unfinished_{splats.name}")
     command = [str(program), str(scene), "--cpu", "--keep-crs", "-o", str(unfinished), *options]
     begin, before = time.perf_counter(), os.times()
-    with log.open("w") as told:
-        code = subprocess.run(command, stdout=told, stderr=subprocess.STDOUT, check=False).returncode
+    with log.open("w") as log_file:
+        code = subprocess.run(command, stdout=log_file, stderr=subprocess.STDOUT, check=False).returncode
     after = os.times()
     if code or not unfinished.is_file():
         raise SystemExit(f"{program}: expected an export of splats, but it ended with status {code}; see {log}")

@@ -55,9 +55,9 @@ def page_ready(run: Path) -> float:
     command = [sys.executable, "-m", "neural_strands", "view", str(run), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        told = re.search(r"http://\S+", process.stdout.readline())
-        assert told is not None
-        with urllib.request.urlopen(told[0]) as answer:
+        address = re.search(r"http://\S+", process.stdout.readline())
+        assert address is not None
+        with urllib.request.urlopen(address[0]) as answer:
             answer.read()
         seconds = time.perf_counter() - began
         process.terminate()

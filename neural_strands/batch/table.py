@@ -76,14 +76,14 @@ class _Lines:
     """Reports each change once, and the whole batch once a minute."""
 
     def __init__(self) -> None:
-        self._told: dict[str, tuple[int, int, str]] = {}
+        self._reported: dict[str, tuple[int, int, str]] = {}
         self._when = time.monotonic()
 
     def __call__(self, plan: Plan) -> None:
         for name, row in plan.rows.items():
             now = (len(row.records), row.losses, row.failure)
-            before = self._told.get(name)
-            self._told[name] = now
+            before = self._reported.get(name)
+            self._reported[name] = now
             if before is None or before == now:
                 if before is None and row.failure:
                     self._say(f"{name}: {row.failure}")

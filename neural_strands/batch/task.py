@@ -120,10 +120,10 @@ def _feedback(tell: Callable[[str], None]) -> Feedback:
     """Feedback that reports messages, and the progress of loops every few seconds."""
 
     def track(items: Iterable[Any], description: str, total: int | None = None) -> Iterator[Any]:
-        told = time.monotonic()
+        reported = time.monotonic()
         for done, item in enumerate(items):
-            if (now := time.monotonic()) - told >= NEWS_SECONDS:
-                told = now
+            if (now := time.monotonic()) - reported >= NEWS_SECONDS:
+                reported = now
                 tell(f"{description}: {done}" + (f" of {total}" if total is not None else ""))
             yield item
 

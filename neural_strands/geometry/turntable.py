@@ -9,7 +9,7 @@ from neural_strands.geometry.cameras import Camera
 
 FIELD_OF_VIEW = math.radians(25.0)
 """Field of view of the shorter side of the image, radians."""
-ROOM = 1.25
+FRAMING = 1.25
 """Radius of the sphere that fits into the image, in multiples of the points' radius."""
 FARTHEST = 0.98
 """Share of the points that determine this radius: single flyaway strands may leave the image."""
@@ -42,7 +42,7 @@ def turntable_cameras(
     centre = 0.5 * (flat.min(dim=0).values + flat.max(dim=0).values)
     distance = (flat - centre).norm(dim=1)
     radius = float(distance.sort().values[int(FARTHEST * (len(distance) - 1))])
-    away = ROOM * max(radius, 1e-3) / math.sin(FIELD_OF_VIEW / 2)
+    away = FRAMING * max(radius, 1e-3) / math.sin(FIELD_OF_VIEW / 2)
     focal = 0.5 * min(size) / math.tan(FIELD_OF_VIEW / 2)
     cameras = []
     for index in range(count):

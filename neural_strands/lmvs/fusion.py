@@ -42,20 +42,20 @@ def best_share(cloud: OrientedPoints, share: float) -> OrientedPoints:
 
 
 def share_reached(
-    room: Float[Tensor, "point 3"], points: Float[Tensor, "segment_point 3"], reach: float, most: int = 20_000
+    space: Float[Tensor, "point 3"], points: Float[Tensor, "segment_point 3"], reach: float, most: int = 20_000
 ) -> float:
     """Share of the space that hair can occupy that has a segment's point within `reach` metres.
 
     Args:
-        room: points spread evenly over that space; at most `most` of them are tested.
+        space: points spread evenly over that space; at most `most` of them are tested.
         points: points of segments.
         reach: largest distance, metres.
         most: largest number of points tested; 20,000 keep the standard error of the share below 0.4%.
     """
-    asked = room[:: max(1, -(-len(room) // most))]
-    if len(asked) == 0:
+    tested = space[:: max(1, -(-len(space) // most))]
+    if len(tested) == 0:
         return 1.0
-    distance, _ = nearest(asked, points, reach)
+    distance, _ = nearest(tested, points, reach)
     return float(torch.isfinite(distance).float().mean())
 
 

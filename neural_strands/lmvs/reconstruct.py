@@ -152,7 +152,7 @@ def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, confi
         return config.complete == "always"
     if not in_metres(scene.region):
         return False
-    share = share_reached(_room(scene.hull, head), segments.points, config.reach)
+    share = share_reached(_hair_space(scene.hull, head), segments.points, config.reach)
     if share < config.filled:
         log.warning(
             "Segments that several views confirm come within %.0f mm of %.0f %% of the room for hair, less than "
@@ -162,7 +162,7 @@ def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, confi
     return share < config.filled
 
 
-def _room(hull: SmoothHull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
+def _hair_space(hull: SmoothHull, head: Mesh | None, most: int = 60_000) -> Float[Tensor, "node 3"]:
     """Points spread evenly over the hull outside the head; at most `most`, counted before those inside are removed."""
     nodes = hull.nodes()[:most]
     return nodes if head is None else nodes[signed_distance(nodes, head).distance > 0]

@@ -14,7 +14,7 @@ CLEARANCE = 0.0004
 """Least height of strands above the skin once they have left it (m)."""
 RISE = 0.3
 """Slope at which the clearance is reached from the root: height over length."""
-ROOMS = (CLEARANCE, 0.003, 0.007)
+HEIGHTS = (CLEARANCE, 0.003, 0.007)
 """Heights above the skin (m) that are tried in turn for strands that enter the head."""
 TORN = 4.0
 """A segment this many times longer than its strand's median has been torn apart by a correction."""
@@ -37,8 +37,8 @@ def keep_outside(
     index = SignedDistanceIndex(mesh)
     result = points.clone()
     entering = torch.arange(len(points), device=points.device)
-    for room in ROOMS:
-        result[entering] = _pushed(points[entering], room, grid, index)
+    for height in HEIGHTS:
+        result[entering] = _pushed(points[entering], height, grid, index)
         entering = entering[_first_entry(result[entering], grid, index) < points.shape[1]]
         if len(entering) == 0:
             return result
@@ -59,14 +59,14 @@ def integrate_again(
 
 
 def _pushed(
-    points: Float[Tensor, "strand point 3"], room: float, grid: SignedDistanceGrid, index: SignedDistanceIndex
+    points: Float[Tensor, "strand point 3"], height: float, grid: SignedDistanceGrid, index: SignedDistanceIndex
 ) -> Float[Tensor, "strand point 3"]:
-    """Points pushed to `room` metres above the skin by the grid, then to at least CLEARANCE by the triangles."""
+    """Points pushed to `height` metres above the skin by the grid, then to at least CLEARANCE by the triangles."""
     arc = torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
     result = points.clone()
     for _ in range(ROUNDS):
         distance, outward = grid.with_outward(result)
-        missing = ((RISE * arc).clamp(max=room) - distance).clamp(min=0.0)
+        missing = ((RISE * arc).clamp(max=height) - distance).clamp(min=0.0)
         missing[:, 0] = 0.0
         hit = (missing > 0.0).any(dim=1)
         if not hit.any():

@@ -97,14 +97,14 @@ def test_the_worst_guesses_are_dropped():
 
 
 def test_the_share_of_a_slab_that_one_plane_of_points_reaches(generator: torch.Generator):
-    room = torch.rand(50_000, 3, generator=generator)
+    space = torch.rand(50_000, 3, generator=generator)
     plane = torch.stack(torch.meshgrid(*[torch.linspace(0, 1, 80)] * 2, indexing="ij"), dim=-1).reshape(-1, 2)
     middle = torch.cat([torch.full((len(plane), 1), 0.5), plane], dim=1)
-    assert abs(share_reached(room, middle, 0.2) - 0.4) < 0.015
-    assert share_reached(room, middle, 0.6) == 1.0
-    assert share_reached(room, middle[:0], 0.2) == 0.0
+    assert abs(share_reached(space, middle, 0.2) - 0.4) < 0.015
+    assert share_reached(space, middle, 0.6) == 1.0
+    assert share_reached(space, middle[:0], 0.2) == 0.0
     # Nothing to fill: all of it is reached.
-    assert share_reached(room[:0], middle, 0.2) == 1.0
+    assert share_reached(space[:0], middle, 0.2) == 1.0
 
 
 def test_nodes_of_a_hull_are_those_inside_in_a_fixed_order():
