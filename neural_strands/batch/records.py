@@ -100,7 +100,7 @@ def _check_same(store: Store, subject: Subject) -> None:
     for name, value in ours.items():
         if name not in stored or stored[name].value != value:
             raise InputError(
-                f"{store.place}: its results began with another {name} than the file of subjects has now; restore "
+                f"{store.place}: its results were begun with another {name} than the subjects file has now; restore "
                 "that, or name another folder."
             )
 

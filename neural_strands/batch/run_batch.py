@@ -61,7 +61,9 @@ def run_batch(request: BatchRequest, show: Callable[[Plan], None], say: Callable
     out = Store(request.out if is_remote(request.out) else str(Path(request.out).absolute()))
     begun = out.read(BEGUN, "the mark of a batch") is not None
     if begun and not request.resume:
-        raise InputError(f"{request.out}: a batch is there already; give --resume to go on with it, or name another.")
+        raise InputError(
+            f"{request.out}: expected no batch there yet, found one; continue it with --resume, or name another folder."
+        )
     plan = Plan(request.file.subjects, request.retries)
     with cluster(request.address) as nodes:
         demands = nodes.resolved(request.file.demands)
@@ -91,7 +93,7 @@ def _check_sizes(plan: Plan, nodes: Cluster, demands: Demands, waits: bool, say:
         if missing is not None and not waits:
             raise InputError(f"resources.{stage}: expected {missing}; ask for less, or name a cluster with --address.")
         if missing is not None:
-            say(f"{stage}: it waits for {missing}.")
+            say(f"{stage}: waiting for {missing}.")
 
 
 def _follow(plan: Plan, nodes: Cluster, out: str, demands: Demands, show: Callable[[Plan], None]) -> None:

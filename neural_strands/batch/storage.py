@@ -93,7 +93,7 @@ class Store:
             ]
             for name in wanted:
                 if not is_file_path(name) or ".." in PurePosixPath(name).parts or "\\" in name:
-                    raise InputError(f"{self.place}: expected names of files in it, found {name!r}; rename the file.")
+                    raise InputError(f"{self.place}: expected file names inside it, found {name!r}; rename the file.")
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if wanted:
                 files.get([f"{root}/{name}" for name in wanted], [str(folder / name) for name in wanted])
@@ -240,6 +240,6 @@ def _remote(place: str) -> Iterator[tuple[Any, str]]:
     except Exception as error:
         # Every store raises its own errors, which have no other common class.
         raise InputError(
-            f"{place}: expected a place that can be read and written, found none ({reason(error)}); check the address, "
-            "the credentials, and that the store's package is installed."
+            f"{place}: expected a location that can be read and written, found none ({reason(error)}); check the "
+            "address, the credentials, and that the store's package is installed."
         ) from error

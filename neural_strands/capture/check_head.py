@@ -58,7 +58,7 @@ def check_head(capture: Capture, given: Path | None) -> tuple[Mesh | None, Int64
     area = 1e4 * float(face_areas(file.mesh)[scalp].sum())
     text = f"{path.name}, {len(file.mesh.faces)} triangles, {area:.0f} cm² of scalp"
     if file.scalp is None:
-        text = f"{text} found from the shape, as there is no {SCALP_NAME}"
+        text = f"{text} found from the shape because there is no {SCALP_NAME}"
         return file.mesh, scalp, Finding("head", "note", text, "name the faces hair grows from if that is not right")
     return file.mesh, scalp, Finding("head", "good", text)
 
@@ -88,7 +88,7 @@ def judge_agreement(agreement: HeadAgreement) -> Finding | None:
         text = f"{100 * head:.0f} % of the visible head lies in the person masks, expected nearly all of it"
         problems.append((head < LEAST_HEAD, text, f"{place}, and that masks are white where the person is"))
     if skin is not None and skin > LIKELY_SKIN:
-        text = f"{100 * skin:.0f} % of the face and of the skin about it lies in the hair masks"
+        text = f"{100 * skin:.0f} % of the face and the skin around it lies in the hair masks"
         action = f"give masks of the hair alone, not of the person, and {place}"
         problems.append((skin > MOST_SKIN, text, action))
     if problems:

@@ -61,7 +61,7 @@ def check_files(facts: Sequence[ImageFacts]) -> list[Finding]:
     """Report missing, unreadable and wrongly sized files, one row per view."""
     broken = [fact for fact in facts if fact.problem]
     if not broken:
-        return [Finding("files", "good", f"{len(facts)} images and their masks read and fit their cameras")]
+        return [Finding("files", "good", f"{len(facts)} images and their masks can be read and match their cameras")]
     return [Finding("files", "error", fact.problem, "fix the file or remove the view", ()) for fact in broken]
 
 
@@ -70,7 +70,7 @@ def check_masks(facts: Sequence[ImageFacts], kind: str) -> Finding:
     covered = {fact.name: getattr(fact, kind) for fact in facts if not fact.problem}
     missing = tuple(name for name, share in covered.items() if share is None)
     if len(missing) == len(covered):
-        need = "without them the hair is not told from the rest" if kind == "hair" else "optional"
+        need = "without them, hair cannot be separated from the rest" if kind == "hair" else "optional"
         action = f"add {kind} masks in {'masks' if kind == 'hair' else 'person_masks'}/ (white where there is {kind})"
         return Finding(f"{kind} masks", "warning" if kind == "hair" else "note", f"none ({need})", action)
     if missing:
@@ -96,11 +96,11 @@ def check_sharpness(facts: Sequence[ImageFacts]) -> Finding:
     read = [fact for fact in facts if not fact.problem]
     known = [fact for fact in read if not math.isnan(fact.blur)]
     if not known:
-        action = "check that the images are photographs: nothing can be reconstructed from black or even ones"
+        action = "check that the images are photographs: nothing can be reconstructed from black or uniform ones"
         return Finding("sharpness", "error", "no image has any detail", action)
     if len(known) < len(read):
         blank = tuple(fact.name for fact in read if math.isnan(fact.blur))
-        text = f"{len(blank)} of {len(read)} have no detail at all where hair should be"
+        text = f"{len(blank)} of {len(read)} have no detail where hair should be"
         return Finding("sharpness", "warning", text, "remove these views or export them again", blank)
     blurred = tuple(fact.name for fact in known if fact.blur > BLURRED)
     if blurred:
@@ -121,8 +121,8 @@ def check_exposure(capture: Capture, facts: Sequence[ImageFacts]) -> Finding:
     off = (stops - stops[beside].median(dim=1).values).abs()
     drifting = tuple(facts[usable[k]].name for k in range(len(usable)) if off[k] > DRIFT)
     if drifting:
-        action = "fix exposure and white balance for the whole capture, or even them out before"
-        text = f"{len(drifting)} of {len(usable)} views are {DRIFT} stops or more off the views beside them"
+        action = "fix exposure and white balance for the whole capture, or equalise them beforehand"
+        text = f"{len(drifting)} of {len(usable)} views are {DRIFT} stops or more off their neighbours"
         return Finding("exposure", "warning", text, action, drifting)
     burnt = tuple(facts[index].name for index in usable if facts[index].clipped > CLIPPED)
     if burnt:

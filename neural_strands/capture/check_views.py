@@ -100,7 +100,7 @@ def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
     if len(cameras) < FEW_VIEWS:
         return Finding("viewpoints", "warning", f"few views: {facts}", action)
     if covered < COVERED_SHARE:
-        action = "take views all around and above: what no view sees is invented by the prior"
+        action = "take views all around and above: hair that no view sees has to be invented"
         return Finding("viewpoints", "warning", f"a narrow range: {facts}", action)
     return Finding("viewpoints", "good", facts)
 
@@ -111,10 +111,10 @@ def check_doubles(cameras: Sequence[Camera]) -> Finding | None:
     if not any(same):
         return None
     if sum(same) == len(cameras) - 1:
-        text = "all views have the same pose, so that nothing tells how far away anything is"
+        text = "all views have the same pose, so that no depth can be determined"
         return Finding("poses", "error", text, "calibrate the photographs again, or export the cameras again")
     names = tuple(camera.name for camera, doubled in zip(cameras, same, strict=True) if doubled)
-    return Finding("poses", "warning", "views have the pose of another", "export the cameras again", names)
+    return Finding("poses", "warning", "some views have the same pose as another", "export the cameras again", names)
 
 
 def doubled_poses(cameras: Sequence[Camera]) -> list[bool]:

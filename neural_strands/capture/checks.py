@@ -56,7 +56,7 @@ def _calibration(capture: Capture) -> Finding:
     text = f"{len(capture)} views of {', '.join(f'{width} x {height}' for width, height in sizes[:3])} pixels"
     text += f" and {len(sizes) - 3} more sizes" if len(sizes) > 3 else ""
     text += f", {len(lenses)} {'lens' if len(lenses) == 1 else 'lenses'}"
-    return Finding("calibration", "good", text + (f", distortion undone in {bent}" if bent else ""))
+    return Finding("calibration", "good", text + (f", distortion removed in {bent}" if bent else ""))
 
 
 def _ground_truth(capture: Capture) -> Finding:

@@ -91,7 +91,7 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
         pixels = None
     if pixels is None or pixels.shape[:2] != (height, width):
         raise InputError(
-            f"{path}: expected a whole image, found {encoded.size} bytes that do not decode as one; export it again."
+            f"{path}: expected a complete image, found {encoded.size} bytes that do not decode as one; export it again."
         )
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: expected 8 or 16 bits per sample, found {pixels.dtype}; save it as PNG or JPEG.")

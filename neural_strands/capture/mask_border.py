@@ -109,7 +109,7 @@ def check_border(capture: Capture) -> Finding | None:
     growth = mask_growth(mask_border(capture))
     if growth == 0:
         return None
-    action = "fits correct that; masks that follow the hair, or lie a pixel or two outside, are better still"
+    action = "fits correct this, but masks that end at the hair's border, or a pixel or two outside it, are better"
     return Finding("mask border", "warning", _fault(growth, capture), action)
 
 

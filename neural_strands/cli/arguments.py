@@ -62,7 +62,7 @@ def parse(command: type[C], prog: str, words: Sequence[str]) -> C | None:
         if not stop.code:
             return None
     sentence = _unknown_option(command, prog, words) or _reworded(complaint.getvalue())
-    raise InputError(f"{sentence}; `{prog} --help` says what it takes.")
+    raise InputError(f"{sentence}; `{prog} --help` lists its options.")
 
 
 def check_numbers(command: object) -> None:

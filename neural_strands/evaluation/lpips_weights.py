@@ -98,7 +98,7 @@ def find_file(file: WeightFile, fetch: bool = True) -> Path:
                 return folder / name
     remedy = f"set {FOLDER_VARIABLE} to a folder that holds it"
     if not fetch:
-        raise InputError(f"{file.names[0]}: expected in a folder of weights, found in none; {remedy}.")
+        raise InputError(f"{file.names[0]}: expected it in a folder of weights, found it in none; {remedy}.")
     target = cache_folder() / file.names[0]
     try:
         with urllib.request.urlopen(file.address, timeout=TIMEOUT) as answer:

@@ -42,7 +42,7 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     if fault is None and content["step"] < 0:
         fault = f"step {content['step']}"
     if fault is not None:
-        raise InputError(f"{path}: expected this fit's checkpoint, whole, found {fault}; {ADVICE}.")
+        raise InputError(f"{path}: expected this fit's complete checkpoint, found {fault}; {ADVICE}.")
     if (name := _not_finite(content)) is not None:
         raise InputError(f"{path}: expected finite numbers, found NaN in {name}; {ADVICE}.")
     state.model.load_state_dict(content["model"], strict=False)
@@ -66,7 +66,7 @@ def load_model(path: Path, config: HairModelConfig, generator: StrandGenerator) 
     content = read_tensors(path, "a fit's checkpoint, whole", ADVICE)
     tensors = content.get("model") if isinstance(content, dict) else None
     if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
-        raise InputError(f"{path}: expected a fit's checkpoint, whole, found none of a hair model in it; {ADVICE}.")
+        raise InputError(f"{path}: expected a fit's complete checkpoint, found no hair model in it; {ADVICE}.")
     return hair_model_from_tensors(path, tensors, config, generator)
 
 

@@ -111,7 +111,7 @@ class FitConfig:
     clearance: Annotated[float, Between(0, 1)] = 0.001
     """Distance that strands keep from the head, metres."""
     seed: Annotated[int, Between(0, 2**32 - 1)] = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
     weights: FitWeights = field(default_factory=FitWeights)
     """Weights of the losses."""
     rates: FitRates = field(default_factory=FitRates)

@@ -268,7 +268,7 @@ def _unpacked(path: Path, data: bytes, what: str, most: int) -> bytes:
                     )
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(
-            f"{path}: expected {what} in a whole gzip file, found a damaged one ({reason(error)}); copy it again."
+            f"{path}: expected {what} in an intact gzip file, found a damaged one ({reason(error)}); copy it again."
         ) from error
     return b"".join(pieces)
 

@@ -128,7 +128,7 @@ def reconstruct(
         good = [i for i in track(range(len(views)), "orientation", len(views)) if cache.prepare(i)]
         good = _well_placed(views.cameras, good, head, cache)
         if len(good) < 2:
-            raise InputError(f"expected hair in at least two views, found it in {len(good)}; look at images and masks.")
+            raise InputError(f"expected hair in at least two views, found it in {len(good)}; check images and masks.")
         scene = _survey(views, good, head, config, cache)
         cameras = views.cameras
         for i in track(good, "lines", len(good)):

@@ -154,7 +154,7 @@ def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConf
 
 
 def _broken(path: Path, found: str) -> InputError:
-    return InputError(f"{path}: expected a whole hair model, found {found}; {ADVICE}.")
+    return InputError(f"{path}: expected a complete hair model, found {found}; {ADVICE}.")
 
 
 def _roots(tensors: dict[str, Tensor]) -> Roots:

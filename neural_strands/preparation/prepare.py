@@ -181,7 +181,7 @@ class _Run:
         version = {"version": VERSIONS[name]} if name in VERSIONS else {}
         stage, worked = run_stage(self.root / name, inputs | version, work)
         if not worked:
-            self.say(f"{name}: done already.")
+            self.say(f"{name}: already done.")
         return stage
 
     def photographs(self) -> Stage:
@@ -210,7 +210,7 @@ class _Run:
             inputs = {"photographs": photographs.digest, "given": poses}
             points = SparsePoints.none()
         else:
-            self.say("Finding cameras: some minutes.")
+            self.say("Estimating cameras; this takes some minutes.")
             matches = self._stage(
                 "matches",
                 {"photographs": photographs.digest},

@@ -153,4 +153,4 @@ def load_prior(path: Path | None = None, device: torch.device | str = "cpu") -> 
 
 
 def _broken(path: Path, found: str) -> InputError:
-    return InputError(f"{path}: expected the whole weights of a strand prior, found {found}; {ADVICE}.")
+    return InputError(f"{path}: expected the complete weights of a strand prior, found {found}; {ADVICE}.")

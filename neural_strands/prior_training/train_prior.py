@@ -285,7 +285,7 @@ def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described:
         fault = f"step {state['step']} of stage {state['stage']}"
     if fault is not None:
         raise InputError(
-            f"{path}: expected a whole checkpoint, found something else ({fault}); train without --resume."
+            f"{path}: expected a complete checkpoint, found something else ({fault}); train without --resume."
         )
     run.stage, run.step, run.optimiser = state["stage"], state["step"], optimiser
     run.prior.load_state_dict(state["prior"])

@@ -200,7 +200,7 @@ def _read_with_trimesh(path: Path) -> _Polygons:
         loaded = trimesh.load(content, file_type=path.suffix[1:].lower(), process=False, force="mesh")
     except Exception as error:
         raise InputError(
-            f"{path}: expected a {path.suffix[1:].upper()} mesh, but it does not read as one "
+            f"{path}: expected a {path.suffix[1:].upper()} mesh, but it cannot be read as one "
             f"({reason(error)}); export it again, for instance as .obj."
         ) from error
     if not isinstance(loaded, trimesh.Trimesh):

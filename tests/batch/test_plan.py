@@ -138,7 +138,7 @@ def test_other_settings_than_those_of_the_records_are_refused(tmp_path):
     other = Subject("eve", "elsewhere", prepared=True)
     assert read_records(store, other) == {}
     write_record(store, record("lmvs"))
-    with pytest.raises(InputError, match="began with another source than the file of subjects has now"):
+    with pytest.raises(InputError, match="begun with another source than the subjects file has now"):
         read_records(store, other)
 
 

@@ -82,7 +82,7 @@ def test_a_local_folder_is_worked_on_in_place(tmp_path):
 
 
 def test_a_store_without_its_package_is_one_sentence(tmp_path):
-    with pytest.raises(InputError, match=r"nowhere://a/b: expected a place that can be read"):
+    with pytest.raises(InputError, match=r"nowhere://a/b: expected a location that can be read"):
         Store("nowhere://a/b").read("c", "a file")
 
 
@@ -124,7 +124,7 @@ def test_remote_inputs_are_fetched_once(bucket, tmp_path):
 
 
 def test_a_bucket_that_is_not_there_is_one_sentence(bucket):
-    with pytest.raises(InputError, match=r"s3://other/bob: expected a place that can be read and written"):
+    with pytest.raises(InputError, match=r"s3://other/bob: expected a location that can be read and written"):
         Store("s3://other").child("bob").write("a", b"1")
 
 

@@ -85,7 +85,7 @@ def test_wrong_words_are_one_sentence(words: str, sentence: str, capsys: pytest.
 def test_sentences_do_not_depend_on_the_locale():
     told = {shell(f"LC_ALL={locale} PYTHONIOENCODING={codec} $N info") for locale, codec in LOCALES}
     assert told == {
-        (2, "neural-strands: FILE: expected a value, found none; `neural-strands info --help` says what it takes.\n")
+        (2, "neural-strands: FILE: expected a value, found none; `neural-strands info --help` lists its options.\n")
     }
 
 

@@ -186,7 +186,7 @@ def test_garbage_in_a_checkpoint_is_one_sentence(begun, tmp_path, name):
     content = torch.load(path, weights_only=True)
     GARBAGE[name](content)
     torch.save(content, path)
-    with pytest.raises(InputError, match=r"checkpoint\.pt: expected this fit's checkpoint, whole, found ") as caught:
+    with pytest.raises(InputError, match=r"checkpoint\.pt: expected this fit's complete checkpoint, found ") as caught:
         load_checkpoint(state, path)
     assert str(caught.value).isprintable()
 

@@ -216,7 +216,7 @@ def test_folders_that_are_no_model_are_refused_in_one_sentence(tmp_path):
     save_hair_model(model(), folder)
     whole = (folder / "model.safetensors").read_bytes()
     (folder / "model.safetensors").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match="expected a whole hair model"):
+    with pytest.raises(InputError, match="expected a complete hair model"):
         load_hair_model(folder)
     (folder / "model.safetensors").write_bytes(whole)
     described = json.loads((folder / "config.json").read_text())

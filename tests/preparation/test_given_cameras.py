@@ -62,7 +62,7 @@ def test_metashape_projects_by_its_manual(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("<document", "does not read so"),
+        ("<document", "cannot be read as such"),
         ("<document/>", "expected aligned cameras"),
         (metashape(some_pose(), "<k4>0.1</k4>"), "without k4 and b2"),
         (metashape(np.diag([2.0, 1, 1, 1])), "rigid camera pose"),

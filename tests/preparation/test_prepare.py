@@ -73,7 +73,7 @@ def test_nothing_is_done_twice(scene: Scene, prepared):
     before = {path: path.stat().st_mtime_ns for path in (out / "preparation").rglob("*") if path.is_file()}
     assert prepare(scene.request(out), said.append) == figures
     assert said == [
-        f"{name}: done already." for name in ("photographs", "cameras", "face", "template", "head", "masks")
+        f"{name}: already done." for name in ("photographs", "cameras", "face", "template", "head", "masks")
     ]
     assert before == {path: path.stat().st_mtime_ns for path in (out / "preparation").rglob("*") if path.is_file()}
 
@@ -86,7 +86,7 @@ def test_given_masks_and_a_segmenter_are_used(scene: Scene, prepared, tmp_path: 
         write_picture(masks / name, true.astype(np.uint8) * 255)
     said: list[str] = []
     prepare(scene.request(out, masks=masks), said.append)
-    assert "masks: done already." not in said
+    assert "masks: already done." not in said
     for name, true in scene.hair.items():
         np.testing.assert_array_equal(read_picture(out / "masks" / name)[..., 0] > 127, true)
     prepare(scene.request(out, segmenter="cp {image} {mask}"), said.append)
@@ -138,4 +138,4 @@ def test_a_full_disk_keeps_the_stages_that_are_done(scene: Scene, tmp_path: Path
     assert {"photographs", "cameras", "face"} <= done
     said: list[str] = []
     prepare(scene.request(out, bend=False), said.append)
-    assert "face: done already." in said
+    assert "face: already done." in said

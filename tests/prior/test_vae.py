@@ -131,11 +131,11 @@ def test_broken_weights_are_named_in_one_sentence(tmp_path: Path) -> None:
     header = 8 + struct.unpack("<Q", whole[:8])[0]
     for size in (0, 5, header // 2, header, len(whole) - 1):
         path.write_bytes(whole[:size])
-        with pytest.raises(InputError, match="expected the whole weights of a strand prior") as caught:
+        with pytest.raises(InputError, match="expected the complete weights of a strand prior") as caught:
             load_prior(path)
         assert "\n" not in str(caught.value)
     save_file({"a": torch.zeros(3)}, path)
-    with pytest.raises(InputError, match="expected the whole weights"):
+    with pytest.raises(InputError, match="expected the complete weights"):
         load_prior(path)
 
 
@@ -149,7 +149,7 @@ def test_weights_of_another_shape_are_refused(prior: StrandPrior, tmp_path: Path
     tensors = prior.state_dict()
     tensors["generator.linear.weight"] = tensors["generator.linear.weight"][:, :10].clone()
     save_file(tensors, path, metadata=metadata)
-    with pytest.raises(InputError, match=r"expected the whole weights of a strand prior, found something else"):
+    with pytest.raises(InputError, match=r"expected the complete weights of a strand prior, found something else"):
         load_prior(path)
 
 

@@ -173,7 +173,7 @@ def test_resume_refuses_what_does_not_fit(tmp_path: Path) -> None:
         train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=2, resume=True)
     checkpoint = out.with_suffix(".checkpoint.pt")
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
-    with pytest.raises(InputError, match="expected a whole checkpoint, found something else"):
+    with pytest.raises(InputError, match="expected a complete checkpoint, found something else"):
         train_prior(out, TINY, seed=1, resume=True)
 
 
@@ -219,7 +219,7 @@ def test_garbage_in_a_checkpoint_is_one_sentence(tmp_path: Path, name: str) -> N
     content = torch.load(checkpoint, weights_only=True)
     GARBAGE[name](content)
     torch.save(content, checkpoint)
-    with pytest.raises(InputError, match="expected a whole checkpoint, found something else"):
+    with pytest.raises(InputError, match="expected a complete checkpoint, found something else"):
         train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=1, resume=True)
 
 

@@ -73,7 +73,7 @@ def test_the_trial_finds_the_speed_of_the_machine(capture, monkeypatch, caplog):
 
 
 def test_no_trial_is_possible_where_reduced_photographs_show_no_hair(capture, monkeypatch):
-    machine = Machine(InputError("expected hair in at least two views, found it in 0; look at images and masks."))
+    machine = Machine(InputError("expected hair in at least two views, found it in 0; check images and masks."))
     monkeypatch.setattr(stereo_trial, "reconstruct", machine.reconstruct)
     assert stereo_seconds(capture, find_head(capture), FitConfig(), CPU, machine.clock) is None
     assert logging.getLogger("neural_strands.lmvs").level == logging.NOTSET

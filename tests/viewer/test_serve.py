@@ -70,7 +70,7 @@ def test_the_newest_state_is_the_one_written_last(run):
 def test_a_damaged_checkpoint_is_one_sentence(run):
     torch.save({"model": {"root_position": torch.zeros(3, 3)}}, run.checkpoint)
     config = read_description(run).config.model
-    with pytest.raises(InputError, match="expected a whole hair model"):
+    with pytest.raises(InputError, match="expected a complete hair model"):
         load_model(run.checkpoint, config, fit_prior(None, CPU).generator)
     torch.save([1, 2], run.checkpoint)
     with pytest.raises(InputError, match="found none of a hair model"):

@@ -20,23 +20,24 @@ MOST_NAMES = 5
 class Batch:
     """Prepare, reconstruct and score many subjects, as tasks of a Ray cluster (extra `batch`).
 
-    Leaves OUT/NAME/run of every subject, as `fit` does, and OUT/index.html about all. A task whose node dies goes on
-    elsewhere from its last checkpoint; a subject that fails is named and stops no other. Exit status 0: all are done.
+    Writes OUT/NAME/run for every subject, as `fit` does, and a summary of all, OUT/index.html. When a node dies, its
+    tasks continue on others from their last checkpoint; a subject that fails is reported and does not stop the rest.
+    The exit status is 0 if all subjects are done.
     """
 
     subjects: Annotated[Path, tyro.conf.Positional]
-    """TOML file: a table a subject, `[subjects.NAME]`, with `photographs` or `capture`, and what else differs."""
+    """TOML file with a table `[subjects.NAME]` for each subject: `photographs` or `capture`, and its own settings."""
     out: Annotated[str, tyro.conf.Positional]
-    """Folder of the results, which all nodes must see under the same path, or a URL such as s3://bucket/folder."""
+    """Folder for the results, which all nodes must see under the same path, or a URL such as s3://bucket/folder."""
     address: str | None = None
     """Cluster to use: `auto` for the one that this machine belongs to, or HOST or HOST:PORT of its head. Default:
     this machine alone."""
     resume: bool = False
-    """Go on with the batch in OUT: what is done is kept, what failed is tried again."""
+    """Continue the batch in OUT: finished stages are kept, failed ones are tried again."""
     retries: Annotated[int, Between(0, 1000)] = 3
-    """How often a stage is tried again after its worker or node has died."""
+    """How often a stage is tried again after its worker or node died."""
     json: bool = False
-    """Print one JSON object: of every subject the stages that are done, with seconds, memory and figures."""
+    """Print one JSON object: for every subject its finished stages, with seconds, memory and figures."""
 
     def run(self) -> None:
         """Run the batch, showing progress on standard error.
@@ -59,6 +60,6 @@ class Batch:
             rest = f" and {len(failed) - MOST_NAMES} more" if len(failed) > MOST_NAMES else ""
             raise InputError(
                 f"expected all {len(plan.rows)} subjects to be done, found {len(failed)} that failed: "
-                f"{', '.join(failed[:MOST_NAMES])}{rest}; mend what {self.out.rstrip('/')}/index.html says of them, "
-                "and give --resume."
+                f"{', '.join(failed[:MOST_NAMES])}{rest}; fix what {self.out.rstrip('/')}/index.html says about "
+                "them, and repeat with --resume."
             )

@@ -28,7 +28,7 @@ class Check:
     folder: Annotated[Path, tyro.conf.Positional]
     """Holds transforms.json or a COLMAP model, and the images."""
     head: Path | None = None
-    """Head mesh in the cameras' frame, metres, instead of the capture's own, as `fit --head` takes it."""
+    """Head mesh in the cameras' frame, metres, to check instead of the capture's own (see `fit --head`)."""
     json: bool = False
     """Print one JSON object: "worst" (good, note, warning or error) and "findings", each with topic, level, message,
     action and views."""

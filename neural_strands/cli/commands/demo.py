@@ -22,12 +22,12 @@ from neural_strands.foundation.files import atomic_file
 class Demo:
     """Make a small capture of synthetic hair, reconstruct it, score it, and write pictures.
 
-    Leaves OUT/capture (photographs with ground truth), OUT/run (groom.usd, groom.npz, model, report/index.html) and
+    Writes OUT/capture (photographs with ground truth), OUT/run (groom.usd, groom.npz, model, report/index.html) and
     OUT/figures.json. A stopped demo continues when the same command is given again.
     """
 
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder of the results."""
+    """Folder for the results."""
     style: Literal["short", "straight", "wavy", "curly"] = "straight"
     """Style of the true groom. Pictures of 256 pixels cannot show waves or curls; raise --resolution for those."""
     strands: Annotated[int, Between(100, 1_000_000)] = 10_000
@@ -39,7 +39,7 @@ class Demo:
     steps: Annotated[int, Between(1, 10_000_000)] | None = None
     """Optimisation steps, instead of those of the preset `demo`."""
     seed: Annotated[int, Between(0, 2**32 - 1)] = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
 
     def run(self) -> None:
         """Run every stage and report how long each took."""

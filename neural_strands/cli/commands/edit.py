@@ -31,18 +31,19 @@ class Edit:
     """Edit fitted hair: `edit RUN OUT haircut --length 0.12`, or `edit RUN OUT --edits edits.json`.
 
     OUT is a folder with edit.json (where the hair came from, and the list of edits) and groom.npz (the edited strands).
-    `render`, `export` and `edit` open it as they open a run. An edited folder as input keeps its edits; the new ones
-    are added. A groom alone takes the edits that need no model.
+    `render`, `export` and `edit` open it like a run. An edited folder as input keeps its edits, and the new ones are
+    added. A groom file can only have edits that need no model.
     """
 
     source: Annotated[Path, tyro.conf.Positional]
     """Run, folder of a model, edited folder, or groom file (metres, y up)."""
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder of the edited hair."""
+    """Folder for the edited hair."""
     edit: Annotated[Kind | None, tyro.conf.arg(name="")] = None
     """The edit."""
     edits: Path | None = None
-    """Instead: a list of edits as JSON, {"format": 1, "edits": [{"edit": "haircut", "length": 0.12}, ...]}."""
+    """JSON file with a list of edits, instead of a single edit: {"format": 1, "edits": [{"edit": "haircut", "length":
+    0.12}, ...]}."""
     device: DeviceName = "auto"
     """Where to compute."""
 

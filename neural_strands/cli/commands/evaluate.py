@@ -20,10 +20,10 @@ class Evaluate:
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
-    """Print one JSON object: strands and lmvs (percent at each threshold, where there is a ground truth),
-    held_out_views (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure" after a gain for each channel,
-    told by what is not hair; the same under "image" over the whole image; the error of the "alpha" map; in "lpips_note"
-    that LPIPS is a training loss too), strands_in_views_percent (of the same views: "direction", drawn strands within
+    """Print one JSON object: strands and lmvs (percent at each threshold, if there is a ground truth), held_out_views
+    (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure", after a gain per channel that is estimated
+    outside the hair; the same under "image" for the whole image; the error of the "alpha" map; "lpips_note", if LPIPS
+    is absent or also a training loss), strands_in_views_percent (for the same views: "direction", drawn strands within
     20 degrees of the photograph's streaks, and hair "on_background"), unseen_strands_percent, milliseconds,
     inside_head_percent."""
 

@@ -15,8 +15,8 @@ from neural_strands.foundation.configs import Between
 class Export:
     """Write fitted or edited hair for other programs: .usd, .abc, .glb, .hair, .data, .tfx, .ply, .obj or .npz.
 
-    Strands get a colour each, the median over the views that see them. USD and Alembic also hold guides, and a time
-    sample per frame where wind blows; other formats hold the hair at rest.
+    Each strand has one colour, the median over the views that see it. USD and Alembic also hold guides, and one time
+    sample per frame if the hair has wind; other formats hold the hair at rest.
     """
 
     source: Annotated[Path, tyro.conf.Positional]
@@ -26,9 +26,9 @@ class Export:
     points: Annotated[int, Between(2, 10_000)] | None = None
     """Points per strand. Default: those of the hair."""
     guides: Annotated[int, Between(0, 100_000)] = 500
-    """Guides in .usd and .abc; 0 for none."""
+    """Number of guides in .usd and .abc; 0 for none."""
     blender: Path | None = None
-    """A Python that has Blender's module bpy, to write .abc. Default: this one."""
+    """Python with Blender's module bpy, to write .abc. Default: the one that runs this command."""
     device: DeviceName = "auto"
     """Where to compute."""
 

@@ -31,9 +31,9 @@ class Fit:
     """
 
     capture: Annotated[Path, tyro.conf.Positional]
-    """Folder of the capture: images, cameras, a head, and, if there are any, hair masks."""
+    """Folder of the capture: images, cameras, a head and, optionally, hair masks."""
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder of the run."""
+    """Folder for the run."""
     preset: Literal["demo", "fast", "paper"] = "fast"
     """demo: minutes on two cores; fast: within an hour on two cores; paper: full sizes, for one GPU."""
     head: Path | None = None
@@ -52,13 +52,13 @@ class Fit:
     strands: Annotated[int, Between(1, 1_000_000)] | None = None
     """Number of strands in the result, overriding preset and file."""
     minutes: Annotated[float, Between(0.01, 1_000_000)] | None = None
-    """Take as many steps as fit into this many minutes, instead of a fixed number; measured at the start."""
+    """Take as many steps as fit into this many minutes, instead of a fixed number; their speed is measured first."""
     prior: Path | None = None
     """Weights of a strand prior (`neural-strands train-prior`), instead of those that ship with the package."""
     resume: bool = False
     """Continue the run in OUT."""
     seed: Annotated[int, Between(0, 2**32 - 1)] | None = None
-    """Seed of everything random, overriding preset and file."""
+    """Seed of all random numbers, overriding preset and file."""
     device: DeviceName = "auto"
     """Where to compute."""
     view: bool = False

@@ -15,16 +15,16 @@ from neural_strands.foundation.errors import InputError
 
 @dataclass(frozen=True)
 class FitHead(HeadOptions):
-    """Fit a head with a scalp to the face in the photographs of a capture that comes without one.
+    """Fit a head with a scalp to the face in the photographs of a capture that has no head.
 
-    The head lies where the cameras see it, so their scale must be right: metres, unless --scale says otherwise.
-    `fit CAPTURE RUN --head OUT/head.obj` uses it, and so does every command that takes --head.
+    The head is placed where the cameras see it, so the cameras must be in metres, or --scale must convert them. Use it
+    with `fit CAPTURE RUN --head OUT/head.obj`, or with any other command that takes --head.
     """
 
     capture: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture."""
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder for head.obj and scalp_faces.json; the capture's own folder is as good as any."""
+    """Folder for head.obj and scalp_faces.json; it can be the folder of the capture."""
     scale: float = 1.0
     """Metres in one unit of the cameras."""
     json: bool = False

@@ -21,7 +21,7 @@ class HeadCheck:
 
     scalp: Path | None = None
     """Scalp: a chart (.json, .json.gz), a list of faces or vertices (.json), or a painted mask. Default:
-    scalp_faces.json beside the mesh; where there is none, the scalp is found from the shape."""
+    scalp_faces.json beside the mesh; without that, the scalp is found from the shape."""
 
     scale: float | None = None
     """Metres in one unit of the mesh; guessed from the head's width by default."""

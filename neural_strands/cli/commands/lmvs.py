@@ -30,9 +30,9 @@ class Lmvs:
     """
 
     capture: Annotated[Path, tyro.conf.Positional]
-    """Folder of the capture: images, calibration, and, if there are any, hair masks and a head."""
+    """Folder of the capture: images, calibration and, optionally, hair masks and a head."""
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder of the results."""
+    """Folder for the results."""
     head: Path | None = None
     """Head mesh in the cameras' frame, metres, instead of the capture's own; scalp_faces.json beside it is used."""
     strokes: Path | None = None
@@ -41,19 +41,20 @@ class Lmvs:
     views: tuple[int, ...] | None = None
     """Use only these photographs, counted from 0. Default: all."""
     hold_out_every: Annotated[int, Between(0, 1_000_000)] = 0
-    """Leave out the last of every so many photographs, as `fit` does for its evaluation; 0 leaves out none. Segments
-    for `fit --segments` need the number that the fit uses: 5, unless its settings were changed."""
+    """Leave out one photograph in this many, the last of each group, as `fit` does for its evaluation; 0 leaves out
+    none. Segments for `fit --segments` need the number that the fit uses: 5, unless its settings were changed."""
     size: int | None = None
     """Reduce photographs to at most this many pixels along the longer side: half the size takes a quarter of the time
     and gives coarser segments. Default: full size."""
     complete: Literal["auto", "always", "never"] = "auto"
     """Fill the gaps between lines that several views confirm with lines that only one view sees, thinned and with
-    confidence 0.1: covers far more of the hair, with fewer correct points. auto: fill if confirmed lines come within 3
-    mm of less than a third of the room that masks and head leave for hair, and say so. Needs hair masks."""
+    confidence 0.1. This covers far more of the hair, but fewer points are correct. auto: fill if confirmed lines come
+    within 3 mm of less than a third of the space that masks and head leave for hair, and report it. Needs hair
+    masks."""
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    """Direction against gravity, in the capture's axes: hair hangs where nothing else determines its growth."""
+    """Direction against gravity, in the capture's axes: hair hangs down where nothing else determines its growth."""
     seed: int = 0
-    """Of every random choice."""
+    """Seed of all random numbers."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False

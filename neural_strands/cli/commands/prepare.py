@@ -15,33 +15,35 @@ from neural_strands.foundation.errors import InputError
 
 @dataclass(frozen=True)
 class Prepare(HeadOptions):
-    """Make a capture of photographs of one person: cameras, scale, head and hair masks.
+    """Make a capture from photographs of one person: cameras, scale, head and hair masks.
 
-    Take 24 or more, from all around and above, each a small step from the last, in even light, hair and head still.
-    OUT is what `neural-strands check` and `fit` take. Every stage is kept in OUT/preparation: a run that was stopped
-    goes on where it was, and a stage is done again only if what it is made from changed.
+    Take 24 or more photographs from all around and above, in small steps and even light; hair and head must keep
+    still. `neural-strands check` and `fit` read OUT. Every stage is kept in OUT/preparation: a stopped run continues
+    where it left off, and a stage runs again only if its inputs changed.
     """
 
     photographs: Annotated[Path, tyro.conf.Positional]
     """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several; or a video."""
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder of the capture."""
+    """Folder for the capture."""
     cameras: Path | None = None
-    """Known cameras, instead of finding them: a folder with a COLMAP model, or transforms.json."""
+    """Known cameras, instead of estimating them: a folder with a COLMAP model, transforms.json, Metashape's .xml or
+    RealityCapture's .csv."""
     masks: Path | None = None
-    """Masks of the hair, instead of finding it: a folder of PNG files named as the photographs, white where hair is."""
+    """Hair masks, instead of segmenting the hair: a folder of PNG files named like the photographs, white where there
+    is hair."""
     segmenter: str | None = None
-    """Program that makes masks of the hair, with {image} and {mask} for the paths of a picture and of its mask."""
+    """Program that makes hair masks, with {image} and {mask} for the paths of a picture and its mask."""
     person_model: Path | None = None
-    """A selfie segmenter of MediaPipe's (.tflite); not needed with mediapipe 0.10.21."""
+    """One of MediaPipe's selfie segmenters (.tflite); not needed with mediapipe 0.10.21."""
     scale: float | None = None
     """Metres in one unit of the cameras, if known."""
     pupil_distance: float | None = None
-    """Millimetres between the person's pupils, as on a prescription for glasses: makes the scale exact."""
+    """Distance between the person's pupils, millimetres, as on a prescription for glasses: makes the scale exact."""
     longest_side: int = 2048
-    """Larger photographs are made this many pixels long."""
+    """Larger photographs are reduced to this many pixels along the longer side."""
     frames: int = 80
-    """Frames to take of a video: of so many stretches the sharpest each."""
+    """Frames to take from a video: the sharpest one of each of this many intervals."""
     json: bool = False
     """Print the figures as one JSON object."""
 

@@ -34,26 +34,26 @@ VIDEO_SUFFIXES = (".mp4",)
 class Render:
     """Render fitted or edited hair from given cameras or on a turntable.
 
-    The strands are decoded once. Images are PNG, named and in sub-folders as the cameras are; a video is MPEG-4. Hair
-    that wind moves is rendered frame by frame, while the camera goes through those that are given.
+    The strands are decoded once. Images are PNG files, with the names and subfolders of the cameras; a video is MPEG-4.
+    Hair that moves in the wind is rendered frame by frame, while the camera moves through the given ones.
     """
 
     model: Annotated[Path, tyro.conf.Positional]
     """Run, folder of its model, or edited folder."""
     out: Path
-    """Folder of the images, or a .mp4 file."""
+    """Folder for the images, or a .mp4 file."""
     camera: Path | None = None
     """A transforms.json with the cameras (nerfstudio's format, OpenGL axes)."""
     turntable: int | None = None
-    """Instead: this many cameras on a circle around the hair."""
+    """This many cameras on a circle around the hair, instead of --camera."""
     size: tuple[int, int] | None = None
     """Width and height in pixels. Default: the cameras' own, or 512 512 on the turntable."""
     alpha: bool = False
-    """Hair alone, with its opacity in the alpha channel, instead of hair over body over background."""
+    """Only the hair, with its opacity in the alpha channel, instead of hair over body and background."""
     points: int | None = None
     """Points per strand. Default: those of the model."""
     fps: float = 30.0
-    """Frames per second of a video; those of the wind where it blows."""
+    """Frames per second of a video; hair in the wind uses those of the wind."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False

@@ -24,8 +24,8 @@ class Score:
 
     Both are sampled along their length. A point matches when the other set has one within a distance whose direction
     deviates by no more than an angle: 1 mm and 10°, 2 mm and 20°, 3 mm and 30°, 4 mm and 40°. In dense hair a strand
-    that strayed sideways finds another to match; the strand consistency (the largest share of a true strand's points
-    that one single predicted strand matches) tells more there.
+    that strayed sideways still matches another one; there, the strand consistency (the largest share of a true strand's
+    points that a single predicted strand matches) says more.
     """
 
     predicted: Annotated[Path, tyro.conf.Positional]
@@ -33,8 +33,8 @@ class Score:
     truth: Annotated[Path, tyro.conf.Positional]
     """True strands: a groom, ground_truth.npz of a capture, or the capture's folder."""
     head: Path | None = None
-    """Head mesh (metres): also print the share of points inside it and the distance of roots from the scalp, which is
-    read from scalp_faces.json beside it where there is one."""
+    """Head mesh (metres): also print the share of points inside it and the distance of roots from its scalp, which is
+    read from scalp_faces.json beside it if there is one."""
     step: float = 0.5
     """Largest distance between samples along a strand, millimetres, at most 0.5."""
     device: DeviceName = "auto"

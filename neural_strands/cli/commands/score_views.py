@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 class ScoreViews:
     """Score renderings of a capture's views: PSNR (dB), SSIM and LPIPS over the hair region and over the whole image.
 
-    A rendering is an image named as its photograph, of the photograph's size, seen by the capture's camera with lens
-    distortion undone. Where it has an alpha channel, that is taken for the opacity of the hair and held against the
-    hair mask: mean absolute error, and intersection over union of the outlines. Colours are compared as they are
-    stored, so a rendering of hair alone has no meaningful figures over the whole image.
+    A rendering is an image with the name and size of its photograph, seen by the capture's camera without lens
+    distortion. An alpha channel is taken as the opacity of the hair and compared with the hair mask: mean absolute
+    error, and intersection over union of the outlines. Colours are compared as they are stored, so renderings of hair
+    alone have no meaningful scores over the whole image.
     """
 
     renderings: Annotated[Path, tyro.conf.Positional]
@@ -33,17 +33,17 @@ class ScoreViews:
     capture: Annotated[Path, tyro.conf.Positional]
     """Folder of the capture: photographs, cameras, hair masks."""
     every: int = HOLD_OUT_EVERY
-    """Score one view in so many, the last of each: the default is the views that `fit` holds out."""
+    """Score one view in this many, the last of each group; the default scores the views that `fit` holds out."""
     all_views: bool = False
     """Score all views instead."""
     lpips: Literal["squeeze", "alex", "vgg"] = "squeeze"
-    """Network of LPIPS. `fit` trains with squeeze: take another to judge what it made by a measure it never saw."""
+    """Network of LPIPS. `fit` trains with squeeze: choose another to judge its result by an independent metric."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
     """Print one JSON object: "views" (each with name, hair, image, alpha), "mean" of the same, "lpips" (network,
-    whether it is a training loss of `fit`, why it is absent). Null stands for what is absent, and for the PSNR of
-    equal images."""
+    whether it is a training loss of `fit`, why it is absent). Null stands for absent values, and for the PSNR of
+    identical images."""
 
     def run(self) -> None:
         """Match, read, compare, print."""

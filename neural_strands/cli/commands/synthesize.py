@@ -24,7 +24,7 @@ class Synthesize:
     """
 
     out: Annotated[Path, tyro.conf.Positional]
-    """Folder of the capture: new, empty, or begun by the same command."""
+    """Folder for the capture: new, empty, or begun by the same command."""
     style: Literal["short", "straight", "wavy", "curly"] = "wavy"
     """Style of the procedural groom."""
     colour: Literal["black", "brown", "auburn", "blond", "grey"] = "brown"
@@ -36,14 +36,14 @@ class Synthesize:
     head: Path | None = None
     """The head mesh (y up, +z out of the face; its unit is guessed). Default: the built-in mannequin."""
     scalp: Path | None = None
-    """Where hair grows on --head: a chart, a face or vertex list, or a mask image. Default: scalp_faces.json beside
-    the mesh; where there is none, the scalp is found from the shape."""
+    """Where hair grows on --head: a chart, a face or vertex list, or a mask image. Default: scalp_faces.json beside the
+    mesh; without that, the scalp is found from the shape."""
     views: int = 24
     """Number of cameras."""
     resolution: int = 256
     """Width and height of the pictures (pixels)."""
     distance: float = 1.0
-    """From the cameras to the middle of the hair (m)."""
+    """Distance of the cameras from the middle of the hair (m)."""
     elevation_min: float = -25.0
     """Lowest camera (degrees above the horizontal)."""
     elevation_max: float = 75.0
@@ -51,9 +51,9 @@ class Synthesize:
     samples: int = 16
     """Light paths per pixel; noise falls with the square root of their number."""
     seed: int = 0
-    """Of every random choice."""
+    """Seed of all random numbers."""
     overwrite: bool = False
-    """Replace a capture with other settings in OUT."""
+    """Replace a capture in OUT that was made with other settings."""
     json: bool = False
     """Print one JSON object instead of a sentence."""
 

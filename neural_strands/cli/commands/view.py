@@ -23,17 +23,17 @@ WAITING_SECONDS = 1.0
 class View:
     """Show a run, a groom or a capture on a page in the browser, and edit and save its hair there.
 
-    A run may still be fitted: the page shows its newest state. Ctrl-C ends it.
+    The fit may still be running: the page then shows its newest state. Ctrl-C ends the command.
     """
 
     path: Annotated[Path, tyro.conf.Positional]
     """Folder of a run, a model or a capture, or a groom file."""
     port: int = 8080
-    """Port of the page; the next free one is taken where it is in use. 0 takes any."""
+    """Port of the page; if it is in use, the next free one is taken. 0 takes any."""
     host: str = LOOPBACK
-    """Address to serve the page on. Anything but this machine's own lets others on the network see and edit."""
+    """Address to serve the page on. Any other than this machine's own lets others on the network see and edit."""
     wait: bool = False
-    """Wait for a fit that has yet to begin there."""
+    """Wait for a fit that has not started yet."""
     device: DeviceName = "auto"
     """Where to render."""
 

@@ -28,7 +28,7 @@ def read_metashape(path: Path) -> dict[str, PosedLens]:
         root = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError, ValueError, RecursionError) as error:
         raise InputError(
-            f"{path}: expected Metashape's XML, but it does not read so ({reason(error)}); {ADVICE}."
+            f"{path}: expected Metashape's XML, but it cannot be read as such ({reason(error)}); {ADVICE}."
         ) from error
     lenses = {sensor.get("id"): lens for sensor in root.iter("sensor") if (lens := _lens(path, sensor)) is not None}
     found = {}

@@ -36,7 +36,7 @@ def read_reality_capture(path: Path, sizes: Mapping[str, tuple[int, int]]) -> di
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{path}: expected RealityCapture's CSV, but it does not read so ({reason(error)}); {ADVICE}."
+            f"{path}: expected RealityCapture's CSV, but it cannot be read as such ({reason(error)}); {ADVICE}."
         ) from error
     stems = {Path(name).stem.lower(): size for name, size in sizes.items()}
     found = {}

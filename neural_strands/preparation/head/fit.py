@@ -134,11 +134,11 @@ def fit_head(
     frame = world_frame(placement, scale.metres_per_unit)
     placed = rescaled(template, scale.metres_per_unit * placement.fit.scale)
     residual = placement.residual * scale.metres_per_unit * placement.fit.scale
-    say(f"The head lies on {placement.landmarks} landmarks, {1000 * residual:.1f} mm from them in the median.")
+    say(f"The head fits {placement.landmarks} landmarks to {1000 * residual:.1f} mm in the median.")
     if outlines is not None:
         placed = deform(placed, _evidence(calibration, face, frame, placed, outlines))
         residual = _residual(placed, frame, face)
-        say(f"Bent to the person, {1000 * residual:.1f} mm from the landmarks in the median.")
+        say(f"Deformed to the person: {1000 * residual:.1f} mm from the landmarks in the median.")
     figures = {
         "views_with_face": agreed,
         "landmark_error_px": round(face.error, 3),

@@ -78,7 +78,7 @@ def read_flame(path: Path) -> Mesh:
     # A damaged pickle can raise almost anything.
     except Exception as error:
         raise InputError(
-            f"{path}: expected FLAME's model (a pickle with v_template and f), but it does not read so "
+            f"{path}: expected FLAME's model (a pickle with v_template and f), but it cannot be read as such "
             f"({reason(error)}); download it again."
         ) from error
     shaped = vertices.ndim == faces.ndim == 2 and vertices.shape[1:] == faces.shape[1:] == (3,)

@@ -110,7 +110,7 @@ def load_template(path: Path, scalp: Path | None) -> Head:
     if path.suffix.lower() not in (".pkl", ".pickle"):
         return bust(load_head(path, scalp))
     if scalp is not None:
-        raise InputError(f"{scalp}: expected no --scalp with FLAME's model, found one; leave it out, it is found.")
+        raise InputError(f"{scalp}: expected no --scalp with FLAME's model, found one; leave it out.")
     mesh = read_flame(path)
     chosen = scalp_faces(mesh)
     return bust(Head(mesh, chosen, chart_faces(mesh, chosen)))
@@ -149,8 +149,8 @@ def find_landmarks(head: Head, detector: Detector, folder: Path, name: str, pain
     ]
     if len(cast) < FEWEST_VIEWS:
         raise InputError(
-            f"{name}: expected a head whose face the detector finds, found one in {len(cast)} of {len(cameras)} "
-            "drawings of it; give a template with eyes, nose and mouth (y up, +z out of the face)."
+            f"{name}: expected a head whose face the detector recognises, found one in {len(cast)} of {len(cameras)} "
+            "renderings of it; give a template with eyes, nose and mouth (y up, +z out of the face)."
         )
     landmarks, spread = _agreed(torch.stack(cast))
     known = torch.isfinite(landmarks).all(dim=1)

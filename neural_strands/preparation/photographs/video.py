@@ -62,7 +62,7 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
         height, width = frame.shape[:2]
         photographs.append(Photograph(name, f"{path.name} frame {index}", width, height, 0.0, path.name))
     write_list(out, photographs)
-    say(f"{len(photographs)} of {number} frames taken, the sharpest of each stretch.")
+    say(f"{len(photographs)} of {number} frames taken, the sharpest of each interval.")
     return photographs
 
 

@@ -34,7 +34,7 @@ def add_restyle_panel(
     def restyle() -> Restyle:
         wanted = Restyle(length=length.value, curl=curl.value, wave=wave.value, volume=volume.value)
         if wanted == Restyle():
-            raise InputError("restyle: expected a change, found every slider where the hair is; move one.")
+            raise InputError("restyle: expected a change, found every slider at its current value; move one.")
         return replace(wanted, region=region())
 
     go.on_click(lambda event: do(event, "Restyling the hair", restyle))

@@ -22,31 +22,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PriorReport:
-    """Encode every strand of each groom, decode it, and report the errors, with a PCA of the same size beside them.
+    """Encode and decode every strand of each groom, and report the errors beside those of a PCA of the same size.
 
     Errors: mean, median and 95th percentile of the distance of points (mm), of directions (degrees), length (%) and
-    curvature (1/m). The PCA is fitted to the training curves. "optimised" is what the decoder alone reaches when each
-    latent is improved by Adam from its encoding.
+    curvature (1/m). The PCA is fitted to the training curves. "optimised" is the error after Adam has
+    optimised each latent for the decoder alone, starting from its encoding.
     """
 
     grooms: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Grooms, captures' folders or their ground_truth.npz; strands that are not finite or shorter than 3 mm are left
+    """Groom files, capture folders or their ground_truth.npz; strands that are not finite or shorter than 3 mm are left
     out."""
     head: tuple[Path, ...] = ()
-    """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Without any, a capture's own,
-    or the mannequin fitted to the roots."""
+    """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Default: the capture's own, or
+    the mannequin fitted to the roots."""
     weights: Path | None = None
     """Weights of the prior; those shipped with the package by default."""
     picture: Path | None = None
     """File for a picture of the worst, median and best strands (.png)."""
     optimise_steps: int = 0
-    """Number of steps for which latents are also optimised; 0 for none."""
+    """Steps for which latents are also optimised; 0 for none."""
     optimise_strands: int = 2000
-    """Strands, spread over the groom, whose latents are optimised."""
+    """Number of strands, spread over the groom, whose latents are optimised."""
     curves: int = 20000
-    """Training curves that the PCA is fitted to."""
+    """Number of training curves that the PCA is fitted to."""
     seed: int = 0
-    """Of the training curves."""
+    """Seed of the training curves."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
@@ -64,7 +64,7 @@ class PriorReport:
         if not self.grooms:
             raise InputError("prior-report: expected at least one groom file, got none.")
         if self.head and len(self.head) != len(self.grooms):
-            raise InputError(f"--head: expected one a groom ({len(self.grooms)}), got {len(self.head)}.")
+            raise InputError(f"--head: expected one per groom ({len(self.grooms)}), got {len(self.head)}.")
         device = pick_device(self.device)
         prior = load_prior(self.weights, device)
         heads = self.head or (None,) * len(self.grooms)

@@ -19,25 +19,25 @@ class TrainPrior:
     """Train the strand prior on synthetic curves, and on the strands of your own grooms if you give any.
 
     Writes OUT (safetensors), and beside it a checkpoint and a log (.checkpoint.pt, .log.jsonl). It can be interrupted
-    at any time: --resume continues from the last checkpoint with the same numbers as a run that was never stopped.
+    at any time: --resume continues from the last checkpoint, with the same result as a run that was never stopped.
     """
 
     out: Annotated[Path, tyro.conf.Positional]
     """Where to write the weights (.safetensors)."""
     preset: Literal["default", "paper"] = "default"
-    """Ours, or the paper's modulator, encoder, losses and weights from a random start; options of --config that differ
-    from our default are kept."""
+    """Ours, or the paper's: its modulator, encoder, losses and loss weights, and a random start; options of --config
+    that differ from our defaults are kept."""
     minutes: float | None = None
     """Stop after this many minutes, finished or not; the results so far are kept."""
     resume: bool = False
     """Continue from the checkpoint beside OUT."""
     groom: tuple[Path, ...] = ()
-    """Grooms, or captures with true strands, whose strands are added to the curves."""
+    """Groom files, or captures with true strands, whose strands are added to the curves."""
     head: tuple[Path, ...] = ()
-    """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Without any, a capture's own,
-    or the mannequin fitted to the roots."""
+    """Head of each groom, in its frame and metres; scalp_faces.json beside it is used. Default: the capture's own, or
+    the mannequin fitted to the roots."""
     seed: int = 0
-    """Of all random numbers."""
+    """Seed of all random numbers."""
     device: DeviceName = "auto"
     """Where to train."""
     json: bool = False
@@ -54,7 +54,7 @@ class TrainPrior:
         from neural_strands.prior_training.train_prior import held_out_curves, held_out_error, train_prior
 
         if self.head and len(self.head) != len(self.groom):
-            raise InputError(f"--head: expected one a groom ({len(self.groom)}), got {len(self.head)}.")
+            raise InputError(f"--head: expected one per groom ({len(self.groom)}), got {len(self.head)}.")
         if self.out.suffix != ".safetensors":
             raise InputError(f"{self.out}: expected a name that ends in .safetensors; give such a name.")
         if self.minutes is not None and not 0 <= self.minutes < math.inf:

@@ -34,11 +34,11 @@ class PriorTraverse:
     weights: Path | None = None
     """Weights of the prior; those shipped with the package by default."""
     latents: int = 9
-    """Latents drawn, those of the largest effect first."""
+    """Number of latents to draw, those with the largest effect first."""
     samples: int = 4000
-    """Samples of N(0, I) over which effect and correlation are measured."""
+    """Number of samples of N(0, I) over which effects and correlations are measured."""
     seed: int = 0
-    """Of the samples and curves."""
+    """Seed of the samples and curves."""
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
