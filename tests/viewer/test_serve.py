@@ -73,7 +73,7 @@ def test_a_damaged_checkpoint_is_one_sentence(run):
     with pytest.raises(InputError, match="expected a complete hair model"):
         load_model(run.checkpoint, config, fit_prior(None, CPU).generator)
     torch.save([1, 2], run.checkpoint)
-    with pytest.raises(InputError, match="found none of a hair model"):
+    with pytest.raises(InputError, match="found no hair model"):
         load_model(run.checkpoint, config, fit_prior(None, CPU).generator)
 
 
