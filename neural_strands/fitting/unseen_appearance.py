@@ -48,11 +48,9 @@ def texel_weights(
     Raises:
         ValueError: the strands have no `root_uv`.
     """
-    if strands.root_uv is None:
-        raise ValueError("strands need root_uv: it says which texels they read")
     height, width, _ = model.textures.appearance.shape
     image = strands.points.new_zeros(height, width, model.textures.knots, requires_grad=True)
-    read = sample_texture(image, strands.root_uv)[..., None]
+    read = sample_texture(image, strands.chart_positions())[..., None]
     total = torch.zeros_like(read)
     for target in targets:
         with torch.no_grad():

@@ -53,6 +53,16 @@ class Strands:
         even = torch.linspace(0, 1, self.points_per_strand, device=self.points.device)
         return even.expand(self.points.shape[:2])
 
+    def chart_positions(self) -> Float[Tensor, "strand 2"]:
+        """`root_uv`, for what cannot do without it: a model looks up appearance there.
+
+        Raises:
+            ValueError: the strands have no `root_uv`.
+        """
+        if self.root_uv is None:
+            raise ValueError("expected strands with root_uv, which says where on the scalp their appearance is stored")
+        return self.root_uv
+
     def select(self, index: Tensor) -> "Strands":
         """Keep the strands selected by `index` (integers or booleans), with their attributes."""
         return self._changed(lambda value: value[index])

@@ -26,6 +26,7 @@ from neural_strands.lmvs.connected_hair import large_masses
 from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
 from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.inputs_digest import inputs_digest
+from neural_strands.lmvs.kernels.ribbons import MOST_NEIGHBOURS
 from neural_strands.lmvs.orientation import OrientationConfig
 from neural_strands.lmvs.patchmatch import LineMap, PatchMatchConfig, match_lines, on_grid
 from neural_strands.lmvs.region import Region, find_region
@@ -212,7 +213,7 @@ def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Regi
     )
     angle = torch.rad2deg(torch.arccos((direction @ direction[i]).clamp(-1, 1)))
     chosen = sorted((float(angle[j]), j) for j in good if j != i and float(angle[j]) >= least)
-    return [j for _, j in chosen[:8]]
+    return [j for _, j in chosen[:MOST_NEIGHBOURS]]
 
 
 def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], config: LmvsConfig, seed: int) -> LineMap:

@@ -273,10 +273,8 @@ class HairModel(nn.Module):
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        if strands.root_uv is None:
-            raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
         visible = visible_points(lines, strands.points, self.config.supersample, strands.t)
-        appearance = interpolate_knots(self.textures.sample_appearance(strands.root_uv, blur), visible)
+        appearance = interpolate_knots(self.textures.sample_appearance(strands.chart_positions(), blur), visible)
         direction = visible_directions(strands.points, visible)
         descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
         view = functional.normalize(visible.world - camera.position, dim=1)

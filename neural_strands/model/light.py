@@ -219,8 +219,6 @@ class BakedLight:
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        if strands.root_uv is None:
-            raise ValueError("light needs root_uv: it says which strand appearance was learned on")
         surface = surface_samples(body, volume.grid.spacing)
         field = LightField.through(volume, width, surface)
         places = body.vertices + ABOVE * vertex_normals(body) if len(body.faces) else body.vertices
@@ -229,7 +227,7 @@ class BakedLight:
         known = torch.where(near, known_share(sight / unhindered.clamp(min=FAINTEST)), 1.0)
         bare = spread(skin / light[:, None], known, body)
         along = field.at(_at_knots(strands.points))
-        return cls(strands.root_uv, along, light, places, near, known, bare, surface, width)
+        return cls(strands.chart_positions(), along, light, places, near, known, bare, surface, width)
 
     @torch.no_grad()
     def changed(self, strands: Strands, volume: HairVolume) -> LightChange:
@@ -242,11 +240,9 @@ class BakedLight:
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        if strands.root_uv is None:
-            raise ValueError("light needs root_uv: it says which strand appearance was learned on")
         field = LightField.through(volume, self.width, self.surface)
         along = _at_knots(strands.parameters()[..., None])[..., 0]
-        before = _between(self.strands[self._fitted_on(strands.root_uv)], along)
+        before = _between(self.strands[self._fitted_on(strands.chart_positions())], along)
         factor = field.at(_at_knots(strands.points)) / before
         now = field.at(self.skin_places)
         # Beyond the grid of the fitted hair, its shadows are unknown.

@@ -53,8 +53,7 @@ class HairRenderer:
             ValueError: the strands have no `root_uv`.
         """
         strands = model.decode() if strands is None else strands
-        if strands.root_uv is None:
-            raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
+        strands.chart_positions()  # Raises here rather than at the first frame.
         return cls(model, strands, hair_volume(strands.points))
 
     @torch.no_grad()
@@ -70,8 +69,6 @@ class HairRenderer:
         fitted = self.fitted or self
         if strands.points is fitted.strands.points:
             return fitted
-        if strands.root_uv is None:
-            raise ValueError("strands to render need root_uv: it says where on the scalp their appearance is stored")
         volume = hair_volume(strands.points, fitted.volume.grid)
         light = fitted._baked.changed(strands, volume)
         return HairRenderer(self.model, strands, volume, fitted, light)
