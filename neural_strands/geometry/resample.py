@@ -25,7 +25,7 @@ def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: in
     """
     strand_count, point_count, _ = points.shape
     if point_count < 2 or count < 2:
-        raise ValueError(f"resampling needs at least two points, got {point_count} in and {count} out")
+        raise ValueError(f"resampling needs at least two points, found {point_count} in and {count} out")
     if strand_count == 0:
         return points.new_zeros(0, count, 3)
     step = segments(points).norm(dim=-1) + MINIMUM_STEP
@@ -109,7 +109,7 @@ def _resample_padded(
     """
     fewest = int(sizes.min()) if len(sizes) else points.shape[1]
     if count < 2 or fewest < 2:
-        raise ValueError(f"resampling needs at least two points, got {fewest} in and {count} out")
+        raise ValueError(f"resampling needs at least two points, found {fewest} in and {count} out")
     parts = [
         _resample_block(block.double(), size, count)
         for block, size in zip(points.split(BLOCK), sizes.split(BLOCK), strict=True)

@@ -54,13 +54,13 @@ class Groom:
 
     def __post_init__(self) -> None:
         if len(self.offsets) == 0 or int(self.offsets[0]) != 0 or int(self.offsets[-1]) != len(self.vertices):
-            raise ValueError(f"offsets must run from 0 to {len(self.vertices)} vertices, got {self.offsets}")
+            raise ValueError(f"offsets must run from 0 to {len(self.vertices)} vertices, found {self.offsets}")
         if bool((self.sizes < 2).any()):
             raise ValueError("a strand needs at least two points")
         for name in ATTRIBUTES:
             value, count = getattr(self, name), len(self.vertices) if name in OF_POINTS else len(self)
             if value is not None and len(value) != count:
-                raise ValueError(f"{name}: expected {count} rows, got {tuple(value.shape)}")
+                raise ValueError(f"{name}: expected {count} rows, found {tuple(value.shape)}")
 
     def __len__(self) -> int:
         return len(self.offsets) - 1

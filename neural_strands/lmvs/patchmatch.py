@@ -54,7 +54,9 @@ class Level:
         """Reject a ribbon that is too large for the kernels."""
         samples = (2 * self.along + 1) * (2 * self.across + 1)
         if samples > MOST_SAMPLES:
-            raise ValueError(f"a ribbon has at most {MOST_SAMPLES} samples, got {samples}: lessen `along` or `across`")
+            raise ValueError(
+                f"a ribbon has at most {MOST_SAMPLES} samples, found {samples}: lessen `along` or `across`"
+            )
 
 
 LEVELS = (

@@ -156,7 +156,7 @@ def _gaps_wanted(scene: _Scene, head: Mesh | None, segments: LineSegments, confi
     share = share_reached(_hair_space(scene.hull, head), segments.points, config.reach)
     if share < config.filled:
         log.warning(
-            "Segments that several views confirm come within %.0f mm of %.0f %% of the room for hair, less than "
+            "Segments that several views confirm come within %.0f mm of %.0f %% of the space for hair, less than "
             "%.0f %%: lines that one view alone sees fill the gaps.",
             *(1e3 * config.reach, 100 * share, 100 * config.filled),
         )

@@ -127,7 +127,7 @@ class UNet(nn.Module):
         """
         stride, levels = self.config.stride, self.config.levels
         if len(pyramid) != levels:
-            raise ValueError(f"this UNet reads {levels} descriptor maps, got {len(pyramid)}")
+            raise ValueError(f"this UNet reads {levels} descriptor maps, found {len(pyramid)}")
         sizes = [(-(-side // stride)) * stride for side in pyramid[0].shape[-2:]]
         padded = []
         for level, images in enumerate(pyramid):

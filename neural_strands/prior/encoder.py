@@ -66,7 +66,7 @@ class StrandEncoder(nn.Module):
             ValueError: the strands do not have the number of points that the encoder was built for.
         """
         if points.shape[1] != self.config.points:
-            raise ValueError(f"strands must have {self.config.points} points, got {points.shape[1]}")
+            raise ValueError(f"strands must have {self.config.points} points, found {points.shape[1]}")
         hidden = self.trunk(self.features(points))
         mean = self.analysed(points) if self.config.analysis else self.mean(hidden)
         return mean, self.config.start_log_std + self.log_std(hidden)

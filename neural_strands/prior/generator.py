@@ -158,6 +158,6 @@ class StrandGenerator(nn.Module):
 
     def _check(self, latent: Tensor, points: int) -> None:
         if latent.ndim != 2 or latent.shape[1] != self.config.latent:
-            raise ValueError(f"latent must be (strand, {self.config.latent}), got {tuple(latent.shape)}")
+            raise ValueError(f"latent must be (strand, {self.config.latent}), found {tuple(latent.shape)}")
         if points < 2:
-            raise ValueError(f"a strand needs at least two points, got {points}")
+            raise ValueError(f"a strand needs at least two points, found {points}")

@@ -20,7 +20,7 @@ class CouplingModulator(nn.Module):
     def __init__(self, latent: int, hidden: int, layers: int) -> None:
         super().__init__()
         if latent % 2:
-            raise ValueError(f"coupling layers need an even latent, got {latent}")
+            raise ValueError(f"coupling layers need an even latent, found {latent}")
         self.kept = latent // 2
         order = torch.Generator().manual_seed(0)
         orders = torch.stack([torch.arange(latent)] + [torch.randperm(latent, generator=order) for _ in range(layers)])[

@@ -32,7 +32,7 @@ class StrandPca:
         """
         flat = (curves / lengths(curves)[:, None, None]).flatten(1).double()
         if min(flat.shape) < size - 1:
-            raise ValueError(f"{size - 1} components need at least as many curves and coordinates, got {flat.shape}")
+            raise ValueError(f"{size - 1} components need at least as many curves and coordinates, found {flat.shape}")
         mean = flat.mean(dim=0)
         _, vectors = torch.linalg.eigh((flat - mean).T @ (flat - mean))
         return cls(mean.to(curves), vectors.flip(1)[:, : size - 1].T.to(curves))

@@ -88,7 +88,7 @@ def check_strands(points: Float[Tensor, "strand point 3"]) -> None:
         InputError: there is such a strand; the message names the first.
     """
     if points.shape[1] < 2:
-        raise InputError(f"strands to encode: expected at least two points each, got {points.shape[1]}; drop them.")
+        raise InputError(f"strands to encode: expected at least two points each, found {points.shape[1]}; drop them.")
     broken = ~torch.isfinite(points).flatten(1).all(dim=1)
     if broken.any():
         raise InputError(

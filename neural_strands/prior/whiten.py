@@ -18,7 +18,7 @@ def start_from_curves(generator: StrandGenerator, curves: Float[Tensor, "strand 
     if generator.config.latent != generator.linear.out_features:
         raise ValueError(
             f"a closed-form start needs as many latents as raw quantities ({generator.linear.out_features}), "
-            f"got {generator.config.latent}"
+            f"found {generator.config.latent}"
         )
     generator.synthesiser.smooth_mix.copy_(principal_functions(generator.synthesiser, curves))
     white_from_curves(generator, curves, refine)

@@ -50,7 +50,9 @@ def local_strands(groom: Path, head: Path | None, points: int = 100) -> Float[Te
     if head is None:
         template = mannequin()
         if len(strands) < 10:
-            raise InputError(f"{groom}: expected at least 10 roots to fit a head to, got {len(strands)}; give --head.")
+            raise InputError(
+                f"{groom}: expected at least 10 roots to fit a head to, found {len(strands)}; give --head."
+            )
         back = fit_similarity(template, strands[:, 0]).inverse()
         strands = back.apply(strands)
     else:

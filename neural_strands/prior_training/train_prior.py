@@ -273,7 +273,7 @@ def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described:
     if not path.is_file():
         raise InputError(f"{path}: expected a checkpoint to resume from, found no file; train without --resume first.")
     # Adam's step counters stay on the CPU; its moments follow the weights to their device.
-    state = read_tensors(path, "a whole checkpoint", "train without --resume")
+    state = read_tensors(path, "a complete checkpoint", "train without --resume")
     head = state if isinstance(state, dict) else {}
     if isinstance(head.get("described"), str) and head["described"] != described:
         raise InputError(

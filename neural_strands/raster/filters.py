@@ -31,7 +31,7 @@ class LowPass:
 
     def __post_init__(self) -> None:
         if self.taps < 2 or self.taps % 2 or self.factor < 1 or self.cutoff <= 0 or self.transition <= 0:
-            raise ValueError(f"a low-pass filter needs an even number of taps and positive frequencies, got {self}")
+            raise ValueError(f"a low-pass filter needs an even number of taps and positive frequencies, found {self}")
 
     def coefficients(self) -> Float[Tensor, " tap"]:
         """Coefficients that sum to one (float32)."""

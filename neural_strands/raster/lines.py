@@ -152,9 +152,9 @@ def _checked_sizes(
 ) -> tuple[int, int]:
     strands, per_strand, _ = points.shape
     if per_strand < 2:
-        raise ValueError(f"a strand needs at least two points, got {per_strand}")
+        raise ValueError(f"a strand needs at least two points, found {per_strand}")
     if strands * per_strand >= 2**31:
-        raise ValueError(f"at most 2^31 points can be drawn at once, got {strands} strands of {per_strand} points")
+        raise ValueError(f"at most 2^31 points can be drawn at once, found {strands} strands of {per_strand} points")
     size = (camera.height, camera.width)
     if occluder_depth is not None and tuple(occluder_depth.shape) != size:
         raise ValueError(f"occluder depth has shape {tuple(occluder_depth.shape)}, the camera's image is {size}")

@@ -35,7 +35,7 @@ def downsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -
     """
     _, channel, height, width = images.shape
     if height % factor or width % factor:
-        raise ValueError(f"downsampling by {factor} needs sides that it divides, got {height} x {width}")
+        raise ValueError(f"downsampling by {factor} needs sides that it divides, found {height} x {width}")
     pad = _alignment(kernel, factor)
     vertical, horizontal = _axes(kernel, images)
     narrow = F.conv2d(images, horizontal, stride=(1, factor), padding=(0, pad), groups=channel)

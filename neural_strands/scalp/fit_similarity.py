@@ -80,7 +80,7 @@ def fit_similarity(head: Head, root_positions: Float[Tensor, "root 3"], any_axes
         ValueError: fewer than ten roots.
     """
     if len(root_positions) < 10:
-        raise ValueError(f"a similarity fit needs at least ten roots, got {len(root_positions)}")
+        raise ValueError(f"a similarity fit needs at least ten roots, found {len(root_positions)}")
     roots = root_positions.detach().cpu().double().numpy()
     # A separate generator with a fixed seed, so that the same input gives the same fit.
     scalp = sample_roots(head.to("cpu"), FINE_POINTS, torch.Generator().manual_seed(0)).position.double().numpy()

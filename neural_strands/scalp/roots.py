@@ -57,7 +57,7 @@ def sample_roots(head: Head, count: int, generator: torch.Generator) -> Roots:
         ValueError: `count` is not positive.
     """
     if count < 1:
-        raise ValueError(f"count must be positive, got {count}")
+        raise ValueError(f"count must be positive, found {count}")
     device = head.mesh.vertices.device
     face, barycentric = _random_points(head, CANDIDATES * count, generator)
     position = interpolate(head.scalp_mesh.corners(), face, barycentric)

@@ -86,15 +86,15 @@ def dome_directions(config: DomeConfig) -> Float[Tensor, "view 3"]:
 
 def _check(config: DomeConfig) -> None:
     if config.views < 1:
-        raise InputError(f"views: expected at least 1, got {config.views}.")
+        raise InputError(f"views: expected at least 1, found {config.views}.")
     if not 8 <= config.resolution <= 8192:
-        raise InputError(f"resolution: expected 8 to 8192 pixels, got {config.resolution}.")
+        raise InputError(f"resolution: expected 8 to 8192 pixels, found {config.resolution}.")
     if not -90.0 < config.elevation_min <= config.elevation_max < 90.0:
         raise InputError(
-            f"elevation: expected -90 < min <= max < 90 degrees, got {config.elevation_min:g} and "
+            f"elevation: expected -90 < min <= max < 90 degrees, found {config.elevation_min:g} and "
             f"{config.elevation_max:g}."
         )
     if not 0.0 < config.azimuth <= 180.0:
-        raise InputError(f"azimuth: expected more than 0 and at most 180 degrees, got {config.azimuth:g}.")
+        raise InputError(f"azimuth: expected more than 0 and at most 180 degrees, found {config.azimuth:g}.")
     if not 0.0 < config.fill <= 1.0:
-        raise InputError(f"fill: expected a share above 0 and at most 1, got {config.fill:g}.")
+        raise InputError(f"fill: expected a share above 0 and at most 1, found {config.fill:g}.")

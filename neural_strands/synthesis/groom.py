@@ -35,7 +35,7 @@ def make_groom(head: Head, style: Style, melanin: Melanin, count: int, generator
         InputError: the count is out of range.
     """
     if not FEWEST <= count <= MOST:
-        raise InputError(f"strands: expected {FEWEST} to {MOST}, got {count}; choose a number between.")
+        raise InputError(f"strands: expected {FEWEST} to {MOST}, found {count}; choose a number between.")
     roots = sample_roots(head, count, generator)
     normals = roots.normal
     grid = SignedDistanceGrid.build(head.mesh, GRID_SPACING, GRID_MARGIN)

@@ -150,10 +150,10 @@ def test_prior_traverse_draws_and_names_directions(tmp_path: Path, capsys: pytes
     ("words", "message"),
     [
         (["train-prior", "prior.pt"], "expected a name that ends in .safetensors"),
-        (["train-prior", "p.safetensors", "--head", "a.obj"], "--head: expected one per groom (0), got 1"),
-        (["train-prior", "p.safetensors", "--minutes", "-1"], "--minutes: expected a number of at least 0, got -1."),
+        (["train-prior", "p.safetensors", "--head", "a.obj"], "--head: expected one per groom (0), found 1"),
+        (["train-prior", "p.safetensors", "--minutes", "-1"], "--minutes: expected a number of at least 0, found -1."),
         (["train-prior", "p.safetensors", "--config.batch", "0"], "--config.batch: expected at least 2, found 0."),
-        (["prior-report"], "expected at least one groom file, got none"),
+        (["prior-report"], "expected at least one groom file, found none"),
         (["prior-report", "missing.hair"], "missing.hair"),
         (["prior-traverse", "out", "--weights", "missing.safetensors"], "found no file"),
     ],

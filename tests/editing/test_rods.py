@@ -165,5 +165,5 @@ def test_a_step_minimises_the_energy_of_the_rod():
 
 
 def test_rods_need_two_points():
-    with pytest.raises(ValueError, match="at least two points, got 1"):
+    with pytest.raises(ValueError, match="at least two points, found 1"):
         Rods.at_rest(torch.zeros(3, 1, 3), RodConfig(), 1 / 240)

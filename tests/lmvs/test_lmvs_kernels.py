@@ -75,7 +75,7 @@ def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device)
 
 
 def test_a_ribbon_too_large_for_the_kernels_is_refused():
-    with pytest.raises(ValueError, match="at most 128 samples, got 135"):
+    with pytest.raises(ValueError, match="at most 128 samples, found 135"):
         replace(LEVELS[0], along=13, across=2)
 
 

@@ -57,7 +57,7 @@ def test_every_level_reaches_the_output(generator):
 
 def test_wrong_pyramids_are_refused(generator):
     maps = pyramid(16, 16, generator)
-    with pytest.raises(ValueError, match="reads 3 descriptor maps, got 2"):
+    with pytest.raises(ValueError, match="reads 3 descriptor maps, found 2"):
         network()(maps[:2])
     with pytest.raises(ValueError, match="map 1 has sides"):
         network()([maps[0], maps[0], maps[2]])

@@ -49,5 +49,5 @@ def test_the_mean_decodes_to_the_strand(curves: torch.Tensor) -> None:
 
 def test_another_number_of_points_is_refused(curves: torch.Tensor) -> None:
     encoder = StrandEncoder(StrandGenerator(), replace(EncoderConfig(), points=50))
-    with pytest.raises(ValueError, match="must have 50 points, got 100"):
+    with pytest.raises(ValueError, match="must have 50 points, found 100"):
         encoder(curves)

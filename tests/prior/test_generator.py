@@ -83,9 +83,9 @@ def test_untrained_generators_give_finite_strands(
 
 
 def test_wrong_shapes_are_named(generator_net: StrandGenerator) -> None:
-    with pytest.raises(ValueError, match=r"latent must be \(strand, 64\), got \(3, 63\)"):
+    with pytest.raises(ValueError, match=r"latent must be \(strand, 64\), found \(3, 63\)"):
         generator_net(torch.zeros(3, 63))
-    with pytest.raises(ValueError, match="at least two points, got 1"):
+    with pytest.raises(ValueError, match="at least two points, found 1"):
         generator_net(torch.zeros(3, 64), 1)
 
 

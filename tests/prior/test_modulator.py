@@ -40,5 +40,5 @@ def test_before_training_it_is_the_identity(layers: int, generator: torch.Genera
 
 
 def test_an_odd_latent_is_refused() -> None:
-    with pytest.raises(ValueError, match="even latent, got 7"):
+    with pytest.raises(ValueError, match="even latent, found 7"):
         CouplingModulator(7, 4, 1)

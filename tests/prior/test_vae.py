@@ -101,7 +101,7 @@ def test_strands_longer_than_in_training_are_encoded_at_their_scale(prior: Stran
 @pytest.mark.parametrize(
     ("strands", "message"),
     [
-        (torch.zeros(2, 1, 3), "expected at least two points each, got 1; drop them."),
+        (torch.zeros(2, 1, 3), "expected at least two points each, found 1; drop them."),
         (
             torch.full((3, 100, 3), torch.nan),
             "3 of 3 hold NaN or infinite coordinates .the first is strand 0.; drop them.",

@@ -28,5 +28,5 @@ def test_the_start_gives_white_latents_and_exact_strands() -> None:
 
 def test_another_latent_size_is_refused() -> None:
     prior = StrandPrior(GeneratorConfig(latent=32))
-    with pytest.raises(ValueError, match=r"as many latents as raw quantities .64., got 32"):
+    with pytest.raises(ValueError, match=r"as many latents as raw quantities .64., found 32"):
         start_from_curves(prior.generator, synthetic_curves(10, torch.Generator().manual_seed(0)))

@@ -47,7 +47,7 @@ def test_units_are_found_from_the_roots(tmp_path: Path, roots: Roots) -> None:
 
 def test_useless_grooms_are_refused(tmp_path: Path, roots: Roots) -> None:
     few = written(tmp_path, synthetic_curves(3, torch.Generator().manual_seed(0)))
-    with pytest.raises(InputError, match="at least 10 roots to fit a head to, got 3; give --head"):
+    with pytest.raises(InputError, match="at least 10 roots to fit a head to, found 3; give --head"):
         local_strands(few, None)
     stubs = roots.position[:, None] + torch.linspace(0, 0.001, 5)[:, None] * roots.normal[:, None]
     with pytest.raises(InputError, match="expected strands of at least 3 mm, found none"):

@@ -248,7 +248,7 @@ def test_batches_draw_the_same_keys_as_segments(generator, distance):
 
 
 def test_wrong_shapes_are_named(camera):
-    with pytest.raises(ValueError, match="at least two points, got 1"):
+    with pytest.raises(ValueError, match="at least two points, found 1"):
         rasterise_lines(torch.zeros(3, 1, 3), camera)
     with pytest.raises(ValueError, match=r"\(5, 5\), the camera's image is \(32, 40\)"):
         rasterise_lines(torch.zeros(3, 4, 3), camera, torch.ones(5, 5))

@@ -128,7 +128,7 @@ def test_half_precision_neither_overflows_nor_changes_type():
 
 
 def test_odd_sides_and_lopsided_kernels_are_refused():
-    with pytest.raises(ValueError, match="sides that it divides, got 5 x 6"):
+    with pytest.raises(ValueError, match="sides that it divides, found 5 x 6"):
         downsample(torch.zeros(1, 1, 5, 6), KERNEL)
     with pytest.raises(ValueError, match="cannot be centred"):
         upsample(torch.zeros(1, 1, 4, 4), torch.ones(5))

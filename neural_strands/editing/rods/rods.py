@@ -85,7 +85,7 @@ class Rods:
         """
         count = points.shape[1]
         if count < 2:
-            raise ValueError(f"rods need at least two points, got {count}")
+            raise ValueError(f"rods need at least two points, found {count}")
         length = segments(points).norm(dim=-1).clamp(min=SHORTEST_SEGMENT)
         half = 0.5 * torch.nn.functional.pad(length, (1, 1))
         mass = half[:, :-1] + half[:, 1:]

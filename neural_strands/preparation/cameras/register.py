@@ -194,7 +194,7 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
     for camera in model.cameras.values():
         offset = np.array([camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2])
         if np.abs(offset).max() > CENTRE_RANGE * max(camera.width, camera.height):
-            say("The principal point could not be told from these photographs and stays in the middle.")
+            say("The principal point could not be estimated from these photographs and stays in the middle.")
             for identity, params in before.items():
                 model.cameras[identity].params = params
             for identity, pose in poses.items():

@@ -62,9 +62,9 @@ class PriorReport:
         from neural_strands.prior_training.groom_strands import local_strands
 
         if not self.grooms:
-            raise InputError("prior-report: expected at least one groom file, got none.")
+            raise InputError("prior-report: expected at least one groom file, found none.")
         if self.head and len(self.head) != len(self.grooms):
-            raise InputError(f"--head: expected one per groom ({len(self.grooms)}), got {len(self.head)}.")
+            raise InputError(f"--head: expected one per groom ({len(self.grooms)}), found {len(self.head)}.")
         device = pick_device(self.device)
         prior = load_prior(self.weights, device)
         heads = self.head or (None,) * len(self.grooms)

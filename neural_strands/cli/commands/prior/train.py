@@ -54,11 +54,11 @@ class TrainPrior:
         from neural_strands.prior_training.train_prior import held_out_curves, held_out_error, train_prior
 
         if self.head and len(self.head) != len(self.groom):
-            raise InputError(f"--head: expected one per groom ({len(self.groom)}), got {len(self.head)}.")
+            raise InputError(f"--head: expected one per groom ({len(self.groom)}), found {len(self.head)}.")
         if self.out.suffix != ".safetensors":
             raise InputError(f"{self.out}: expected a name that ends in .safetensors; give such a name.")
         if self.minutes is not None and not 0 <= self.minutes < math.inf:
-            raise InputError(f"--minutes: expected a number of at least 0, got {self.minutes:g}.")
+            raise InputError(f"--minutes: expected a number of at least 0, found {self.minutes:g}.")
         config = paper_preset(self.config) if self.preset == "paper" else self.config
         heads = self.head or (None,) * len(self.groom)
         own = [local_strands(groom, head) for groom, head in zip(self.groom, heads, strict=True)]
