@@ -1,6 +1,7 @@
 """Warp kernels over torch tensors: the same values as torch, in one piece or split."""
 
-# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportOperatorIssue=false
+# Warp's array types mean nothing to Python's type checkers.
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 import functools
 
