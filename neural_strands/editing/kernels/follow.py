@@ -1,7 +1,8 @@
 """Warp kernel that rotates the segments of strands like those of their guides (see `editing.rods.follow`)."""
 
-# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
-# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers.
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

@@ -1,7 +1,8 @@
 """Warp kernel that follows strands from their roots and keeps them out of a body (see `editing.outside`)."""
 
-# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
-# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers.
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

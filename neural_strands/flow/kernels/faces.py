@@ -1,7 +1,8 @@
 """Warp kernels that sum values over the neighbours of voxels (see `flow.faces`)."""
 
-# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
-# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers.
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

@@ -3,8 +3,9 @@
 A query's u and v are the weights of the first and the second corner of its face.
 """
 
-# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
-# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers.
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

@@ -3,8 +3,9 @@
 A place is a position relative to the first node, in multiples of the spacing.
 """
 
-# Warp's array types mean nothing to Python's type checkers. pyright: reportIndexIssue=false, reportArgumentType=false,
-# reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# Warp's array types mean nothing to Python's type checkers.
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

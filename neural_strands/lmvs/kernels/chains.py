@@ -1,7 +1,8 @@
 """Warp kernels over an oriented point cloud: mean shift along the normal plane, and growing of chains."""
 
-# ruff: noqa: UP018, RUF046  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
-# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018, RUF046  (to Warp, the cast makes a variable of a constant)
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

@@ -1,7 +1,8 @@
 """Warp kernels of the line PatchMatch, for CPU and CUDA (see `lmvs.kernels.ribbons` for a line's cost)."""
 
-# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
-# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant)
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 

@@ -8,8 +8,9 @@ Nearly all of the stereo's time is spent here. On the CPU the samples of a view 
 positions, without branches, which the compiler turns into vector instructions, and one over the values read there.
 """
 
-# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant) pyright: reportIndexIssue=false,
-# reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false pyright: reportAttributeAccessIssue=false
+# ruff: noqa: UP018  (to Warp, the cast makes a variable of a constant)
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
 
 from typing import no_type_check
 
