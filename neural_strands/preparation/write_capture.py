@@ -11,10 +11,9 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
-from neural_strands.capture.writer import CaptureWriter
+from neural_strands.capture.writer import HAIR_MASKS, IMAGES, PERSON_MASKS, CaptureWriter
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
-from neural_strands.preparation.cameras.calibration import IMAGES, write_transforms
 from neural_strands.scalp.head import Head
 
 HAIRLINE = 0.5
@@ -48,15 +47,15 @@ class CaptureFiles:
             InputError: the disk is full, or the folder cannot be written to.
         """
         (out / "transforms.json").unlink(missing_ok=True)
-        for kind, files in ((IMAGES, self.pictures), ("masks", self.hair), ("person_masks", self.outlines)):
+        for kind, files in ((IMAGES, self.pictures), (HAIR_MASKS, self.hair), (PERSON_MASKS, self.outlines)):
             shutil.rmtree(out / kind, ignore_errors=True)
             there = [file for file in files if file is not None]
             for file in there:
                 with atomic_file(out / kind / file.name) as path:
                     _share(file, path)
-        CaptureWriter(out).write_head(self.head.mesh, self.scalp)
-        with atomic_file(out / "transforms.json") as path:
-            write_transforms(path, self.cameras)
+        writer = CaptureWriter(out)
+        writer.write_head(self.head.mesh, self.scalp)
+        writer.finish(self.cameras)
 
 
 def person_scalp(head: Head, vote: np.ndarray) -> Int64[Tensor, " scalp"]:

@@ -111,6 +111,25 @@ def test_any_pose_comes_back_to_single_precision(tmp_path_factory, quaternion, t
     torch.testing.assert_close(found.world_to_camera, written.world_to_camera, atol=3e-6, rtol=0)
 
 
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(st.floats(0.25, 4096, width=32), min_size=2, max_size=2),
+    st.lists(st.floats(-1024, 1024, width=32), min_size=2, max_size=2),
+    st.sampled_from([0.0, 0.0, 1e-3, -2.5]),
+)
+def test_any_intrinsics_come_back_to_the_last_bit_and_skewed_ones_are_refused(tmp_path_factory, focal, centre, skew):
+    rows = [[focal[0], skew, centre[0]], [0.0, focal[1], centre[1]], [0.0, 0.0, 1.0]]
+    written = camera("a.png", intrinsics=torch.tensor(rows))
+    folder = tmp_path_factory.mktemp("lens")
+    if skew:
+        with pytest.raises(ValueError, match=r"a\.png: expected axes at right angles, found a skew of"):
+            CaptureWriter(folder).finish([written])
+        assert not list(folder.iterdir())
+    else:
+        CaptureWriter(folder).finish([written])
+        same(Capture.load(folder).cameras[0], written)
+
+
 def test_a_view_written_again_keeps_no_old_mask(tmp_path):
     writer = CaptureWriter(tmp_path)
     writer.write_view(camera("a.png"), samples(0, (3,)), samples(1), samples(2))

@@ -139,8 +139,8 @@ def test_cameras_of_larger_copies_are_scaled_and_found_by_stem(tmp_path: Path):
     calibrate(images, shots, posed, SparsePoints.none(), out, said.append)
     document = json.loads((out / "transforms.json").read_text())
     assert [frame["file_path"] for frame in document["frames"]] == ["images/a.png", "images/b.png", "images/c.png"]
-    assert document["frames"][0]["fl_x"] == pytest.approx(70)
-    assert document["frames"][0]["cx"] == pytest.approx(30.3)
+    assert document["fl_x"] == pytest.approx(70)
+    assert document["cx"] == pytest.approx(30.3)
     assert said == ["No camera for d.JPG: left out."]
 
 

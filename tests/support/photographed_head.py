@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from neural_strands.capture.writer import CaptureWriter
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, vertex_normals
-from neural_strands.preparation.cameras.calibration import write_transforms
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.head.builtin import builtin_template, face_paint
 from neural_strands.preparation.head.place import cameras_in_world
@@ -73,5 +73,5 @@ def write_scene(folder: Path) -> Scene:
             marks[camera.name] = {str(i): pixels[i].tolist() for i in inside if bool(pixels[i].isfinite().all())}
     (folder / "landmarks.json").write_text(json.dumps(marks))
     theirs = to_their_frame()
-    write_transforms(folder / "transforms.json", cameras_in_world(cameras, theirs))
+    CaptureWriter(folder).finish(cameras_in_world(cameras, theirs))
     return Scene(folder, mesh, hair, cameras)

@@ -3,7 +3,6 @@
 On disk, this is a folder in the layout of a capture (`transforms.json` and `images/`), and `points.npz`.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,13 +13,13 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.lens import Lens
 from neural_strands.capture.view_files import rigid
+from neural_strands.capture.writer import IMAGES, CaptureWriter
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera, rigid_inverse
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
 
-IMAGES = "images"
 POINTS = "points.npz"
 SAME_SHAPE = 0.01
 """Largest relative difference between the aspect ratios of a photograph and its camera."""
@@ -146,7 +145,7 @@ def calibrate(
             )
         )
     points.save(out)
-    write_transforms(out / "transforms.json", cameras)
+    CaptureWriter(out).finish(cameras)
 
 
 def rigid_pose(camera_to_world: np.ndarray, source: str) -> np.ndarray:
@@ -156,25 +155,6 @@ def rigid_pose(camera_to_world: np.ndarray, source: str) -> np.ndarray:
         InputError: the matrix scales, shears or mirrors; the message names `source`.
     """
     return rigid_inverse(rigid(torch.from_numpy(camera_to_world).double(), source)).numpy()
-
-
-def write_transforms(path: Path, cameras: Sequence[Camera]) -> None:
-    """Write nerfstudio's `transforms.json` for pinhole cameras, with pictures in `images/` under their names."""
-    frames = [
-        {
-            "file_path": f"{IMAGES}/{camera.name}",
-            "w": camera.width,
-            "h": camera.height,
-            "fl_x": float(camera.intrinsics[0, 0]),
-            "fl_y": float(camera.intrinsics[1, 1]),
-            "cx": float(camera.intrinsics[0, 2]),
-            "cy": float(camera.intrinsics[1, 2]),
-            "transform_matrix": camera.opengl_camera_to_world.tolist(),
-        }
-        for camera in cameras
-    ]
-    document = {"camera_model": "PINHOLE", "frames": frames}
-    path.write_text(json.dumps(document, indent=1), encoding="utf-8")
 
 
 def lens_of(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLens | None:
