@@ -25,7 +25,7 @@ from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.timing import peak_memory
 from neural_strands.evaluation.view_quality import image_quality
 from neural_strands.fitting.config import KNOTTED, FitConfig, FitWeights
-from neural_strands.fitting.first_colours import strand_colours
+from neural_strands.fitting.first_colours import photographed_colours
 from neural_strands.fitting.fit import FitState, fit, start_fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.schedule import ScheduleConfig
@@ -118,7 +118,7 @@ def strand_segments(strands: Strands) -> LineSegments:
 
 def known_colours(model: HairModel, strands: Strands, targets: list[View]) -> torch.Tensor:
     """Mean colour of the pixels that see each strand; unseen strands take that of their nearest seen neighbours."""
-    colours, weight = strand_colours(model, strands, targets)
+    colours, weight = photographed_colours(model, strands, targets)
     seen = weight > 0.5
     uv = model.root_uv
     gap = torch.cdist(uv[~seen], uv[seen])

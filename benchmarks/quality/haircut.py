@@ -41,7 +41,7 @@ from neural_strands.scalp.head import Head
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots
 from neural_strands.synthesis.dome import DomeConfig
-from neural_strands.synthesis.groom import make_groom, strand_widths
+from neural_strands.synthesis.groom import covering_widths, make_groom
 from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
 from neural_strands.synthesis.styles import STYLES, StyleName
 from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
@@ -168,7 +168,7 @@ def main(arguments: Arguments) -> None:
     head = find_head(capture)
     points = capture.ground_truth.points
     # A cut leaves widths as they are; without them the tracer would let the cut strands taper.
-    strands = Strands(points, attach_roots(head, points[:, 0]).uv, width=strand_widths(points))
+    strands = Strands(points, attach_roots(head, points[:, 0]).uv, width=covering_widths(points))
     after = cut_hair(arguments.haircut, strands)
     views = capture.views_on("cpu")
     everything = [views[index] for index in range(len(capture))]

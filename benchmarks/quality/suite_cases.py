@@ -26,7 +26,7 @@ from neural_strands.scalp.load import load_head
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.synthesis.detail import assign_locks, strand_frames
 from neural_strands.synthesis.dome import DomeConfig
-from neural_strands.synthesis.groom import GRID_MARGIN, GRID_SPACING, make_groom, strand_widths
+from neural_strands.synthesis.groom import GRID_MARGIN, GRID_SPACING, covering_widths, make_groom
 from neural_strands.synthesis.path_tracer import TracingConfig
 from neural_strands.synthesis.styles import MELANIN, STYLES, HairColour, StyleName
 from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
@@ -109,7 +109,7 @@ def build(case: Case, data: Path, folder: Path) -> int:
     head, strands = grown(case, data, generator)
     if case.winding is not None:
         strands = wound(strands, head, case.winding, generator)
-    width = case.widths * strand_widths(strands.points)
+    width = case.widths * covering_widths(strands.points)
     config = SynthesisConfig(
         DomeConfig(views=case.views, resolution=case.resolution, azimuth=case.azimuth),
         TracingConfig(case.samples, mask_samples=16, melanin=MELANIN[case.colour], light_turn=case.light_turn),

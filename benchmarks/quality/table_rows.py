@@ -35,7 +35,7 @@ def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in (heads, ("---",) * len(heads), *full))
 
 
-def spread(values: Sequence[float | None], digits: int) -> str:
+def over_seeds(values: Sequence[float | None], digits: int) -> str:
     """Mean over the seeds, and half of the range where there are several; a dash where a value is absent."""
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):
@@ -62,8 +62,8 @@ def geometry(cells: Mapping[str, Sequence[dict[str, Any]]], rulers: Mapping[str,
             elif part == "segments":
                 rows.append((label, "-", *_shares([fit[part] for fit in fits])))
             else:
-                count = spread([fit["strands"] for fit in fits], 0)
-                inside = spread([fit.get("inside_head_percent") for fit in fits], 2)
+                count = over_seeds([fit["strands"] for fit in fits], 0)
+                inside = over_seeds([fit.get("inside_head_percent") for fit in fits], 2)
                 rows.append((label, count, *_shares([fit[part] for fit in fits]), _consistency(fits), inside))
         if half := rulers[name].get("half_against_half"):
             levels = (f"- - {half[level]:.1f}" for level in LEVELS)
@@ -101,7 +101,7 @@ def times(fits: Mapping[str, Sequence[dict[str, Any]]]) -> str:
         decode, render = ([fit["milliseconds"][part] for fit in seeds] for part in ("decode", "render"))
         total = [sum(pair) for pair in zip(decode, render, strict=True)]
         strands = [fit["strands"] for fit in seeds]
-        rows.append((name, *(spread(values, 0) for values in (decode, render, total, strands))))
+        rows.append((name, *(over_seeds(values, 0) for values in (decode, render, total, strands))))
     return markdown(("what", "decode", "render", "total", "strands"), [*rows, *PAPER_TIMES])
 
 
@@ -118,8 +118,8 @@ def ablations(seeds: Sequence[dict[str, Any]]) -> str:
     rows = []
     for name in seeds[0]:
         found = [seed[name] for seed in seeds]
-        levels = [spread([each["strands"][level]["f_score"] for each in found], 1) for level in LEVELS]
-        consistency = spread([each["strands"]["2mm/20deg"]["strand_consistency"] for each in found], 1)
+        levels = [over_seeds([each["strands"][level]["f_score"] for each in found], 1) for level in LEVELS]
+        consistency = over_seeds([each["strands"]["2mm/20deg"]["strand_consistency"] for each in found], 1)
         count = f"{found[0]['described']['strands']:,}"
         rows.append((name, count, *levels, consistency, *_measures([each["held_out_views"] for each in found])[:3]))
     return markdown(heads, rows)
@@ -152,8 +152,8 @@ def lacks(cells: Sequence[dict[str, Any]]) -> str:
 def _ours(fits: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """Our figures over the seeds, without the name."""
     alpha = [fit["views"].get("alpha") or {} for fit in fits]
-    outline = (spread([each.get(name) for each in alpha], 3) for name in ("mean_absolute_error", "outline_iou"))
-    count, minutes = f"{fits[0]['strands']:,} strands", spread([fit["minutes"] for fit in fits], 1)
+    outline = (over_seeds([each.get(name) for each in alpha], 3) for name in ("mean_absolute_error", "outline_iou"))
+    count, minutes = f"{fits[0]['strands']:,} strands", over_seeds([fit["minutes"] for fit in fits], 1)
     return (*_measures([fit["views"] for fit in fits]), *outline, count, minutes)
 
 
@@ -163,7 +163,7 @@ def _rival(cell: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _measures(found: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    return tuple(spread([each.get(name) for each in found], digits) for name, digits in MEASURES.items())
+    return tuple(over_seeds([each.get(name) for each in found], digits) for name, digits in MEASURES.items())
 
 
 def _shares(found: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -171,10 +171,10 @@ def _shares(found: Sequence[Mapping[str, Any]]) -> list[str]:
     cells = []
     for level in LEVELS:
         precision, recall = (fmean(each[level][share] for each in found) for share in ("precision", "recall"))
-        cells.append(f"{precision:.1f} {recall:.1f} {spread([each[level]['f_score'] for each in found], 1)}")
+        cells.append(f"{precision:.1f} {recall:.1f} {over_seeds([each[level]['f_score'] for each in found], 1)}")
     return cells
 
 
 def _consistency(fits: Sequence[dict[str, Any]]) -> str:
     """Strand consistency at each level."""
-    return " / ".join(spread([fit["geometry"][level]["strand_consistency"] for fit in fits], 1) for level in LEVELS)
+    return " / ".join(over_seeds([fit["geometry"][level]["strand_consistency"] for fit in fits], 1) for level in LEVELS)

@@ -11,7 +11,7 @@ from neural_strands.capture.hold_out import FEWEST_VIEWS, HOLD_OUT_EVERY, traini
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.scalp.hairline import measure_head
-from neural_strands.scalp.head_file import HEAD_WIDTH, in_metres
+from neural_strands.scalp.head_file import HEAD_WIDTH, is_head_width
 
 LIKELY_WIDTH = (0.1, 0.25)
 """Likely width of a head, from a child's to one with thick ears, metres."""
@@ -50,8 +50,8 @@ def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
         width = measure_head(head.vertices).width
         if LIKELY_WIDTH[0] <= width <= LIKELY_WIDTH[1]:
             return Finding("scale", "good", f"the head is {width:.2f} m wide")
-        # A fit refuses heads outside the range that `in_metres` allows.
-        level = "warning" if in_metres(width) else "error"
+        # A fit refuses heads outside the range that `is_head_width` allows.
+        level = "warning" if is_head_width(width) else "error"
         text = f"the head is {width:.3g} m wide, expected {LIKELY_WIDTH[0]} to {LIKELY_WIDTH[1]}"
         action = f"multiply the cameras' translations and the head by about {HEAD_WIDTH / max(width, 1e-9):.2g}"
         return Finding("scale", level, text, action)

@@ -33,14 +33,14 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
         targets: photographs; those with a mask separate hair from the rest.
     """
     _surround(model, strands, targets)
-    colour, weight = strand_colours(model, strands, targets)
+    colour, weight = photographed_colours(model, strands, targets)
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
         return
     colour = to_srgb(colour)  # the point shader's output is encoded
     mean = (colour * weight[:, None]).sum(dim=0) / weight.sum()
     height, width, _ = model.textures.appearance.shape
-    total, share = spread(colour[seen] - mean, strands.root_uv[seen], height, width)
+    total, share = scatter_to_texture(colour[seen] - mean, strands.root_uv[seen], height, width)
     with torch.no_grad():
         model.shading.mean.copy_(mean)
         model.shading.decode[:, :3] = torch.eye(3, device=mean.device)
@@ -49,7 +49,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
 
 
 @torch.no_grad()
-def strand_colours(
+def photographed_colours(
     model: HairModel, strands: Strands, targets: Views | Sequence[View]
 ) -> tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]:
     """Mean linear colour of the pixels that see each strand, weighted by the hair mask, and the sum of the weights."""
@@ -67,7 +67,7 @@ def strand_colours(
     return total / weight.clamp(min=TINY)[:, None], weight
 
 
-def spread(
+def scatter_to_texture(
     values: Float[Tensor, "root channel"], uv: Float[Tensor, "root 2"], height: int, width: int
 ) -> tuple[Float[Tensor, "height width channel"], Float[Tensor, "height width 1"]]:
     """Scatter values at uv to a texture: sums weighted by the bilinear weights, and the sums of the weights."""

@@ -12,7 +12,7 @@ from torch import Tensor
 from neural_strands.foundation import kernels
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.consistency import LineCloud
 from neural_strands.lmvs.fusion import cell_keys
 from neural_strands.lmvs.kernels import chains as chain_kernels
 
@@ -60,7 +60,7 @@ class Cloud:
         self.inputs = [self.grid.id, self.place, self.line, self.weight]
 
 
-def mean_shift(cloud: OrientedPoints, radius: float, degrees: float, rounds: int) -> tuple[Tensor, Tensor, Tensor]:
+def mean_shift(cloud: LineCloud, radius: float, degrees: float, rounds: int) -> tuple[Tensor, Tensor, Tensor]:
     """Shift points onto the mean line of their neighbours.
 
     Args:
@@ -82,7 +82,7 @@ def mean_shift(cloud: OrientedPoints, radius: float, degrees: float, rounds: int
 
 
 def grow_chains(
-    cloud: OrientedPoints, footprint: float, config: ChainConfig, generator: torch.Generator
+    cloud: LineCloud, footprint: float, config: ChainConfig, generator: torch.Generator
 ) -> LineSegments:
     """Grow chains from the cloud until every point belongs to one.
 

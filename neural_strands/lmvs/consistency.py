@@ -12,8 +12,8 @@ from neural_strands.lmvs.patchmatch import LineMap
 
 
 @dataclass(frozen=True)
-class OrientedPoints:
-    """A cloud of points with directions.
+class LineCloud:
+    """The lines of several views, as a cloud of points with directions.
 
     Attributes:
         points: world metres.
@@ -27,15 +27,15 @@ class OrientedPoints:
     weight: Float[Tensor, " point"]
     view: Int64[Tensor, " point"]
 
-    def select(self, keep: Tensor) -> "OrientedPoints":
+    def select(self, keep: Tensor) -> "LineCloud":
         """Keep the points selected by a boolean or integer index."""
-        return OrientedPoints(self.points[keep], self.directions[keep], self.weight[keep], self.view[keep])
+        return LineCloud(self.points[keep], self.directions[keep], self.weight[keep], self.view[keep])
 
 
-def join_points(parts: Sequence[OrientedPoints]) -> OrientedPoints:
+def join_points(parts: Sequence[LineCloud]) -> LineCloud:
     """Concatenate clouds."""
-    names = OrientedPoints.__annotations__
-    return OrientedPoints(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+    names = LineCloud.__annotations__
+    return LineCloud(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
 
 
 def line_points(camera: Camera, lines: LineMap) -> Float[Tensor, "point 3"]:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.point_queries import nearest
-from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.consistency import LineCloud
 
 GUESS = 0.1
 """Confidence of a guess; confirmed chains have more."""
@@ -23,7 +23,7 @@ def cell_keys(points: Float[Tensor, "point 3"], cell: float) -> Int64[Tensor, " 
     return (index[:, 0] << 42) + (index[:, 1] << 21) + index[:, 2]
 
 
-def fill_gaps(guesses: OrientedPoints, confirmed: OrientedPoints, cell: float) -> OrientedPoints:
+def fill_gaps(guesses: LineCloud, confirmed: LineCloud, cell: float) -> LineCloud:
     """The guess with the largest weight in each cell of `cell` metres that holds no confirmed line."""
     keys = cell_keys(guesses.points, cell)
     free = torch.nonzero(~torch.isin(keys, torch.unique(cell_keys(confirmed.points, cell)))).squeeze(1)
@@ -35,7 +35,7 @@ def fill_gaps(guesses: OrientedPoints, confirmed: OrientedPoints, cell: float) -
     return guesses.select(order[first])
 
 
-def best_share(cloud: OrientedPoints, share: float) -> OrientedPoints:
+def best_share(cloud: LineCloud, share: float) -> LineCloud:
     """The share of the points with the largest weights."""
     order = torch.argsort(cloud.weight, descending=True, stable=True)
     return cloud.select(order[: round(share * len(order))])
@@ -59,7 +59,7 @@ def share_reached(
     return float(torch.isfinite(distance).float().mean())
 
 
-def add_guesses(segments: LineSegments, guesses: OrientedPoints, length: float) -> LineSegments:
+def add_guesses(segments: LineSegments, guesses: LineCloud, length: float) -> LineSegments:
     """Append every guess as a segment of two points, `length` metres apart."""
     count = len(guesses.points)
     half = 0.5 * length * guesses.directions

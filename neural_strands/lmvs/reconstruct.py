@@ -23,7 +23,7 @@ from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView, Silhouette, head_distance, possible_points, visual_hull
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
 from neural_strands.lmvs.connected_hair import large_masses
-from neural_strands.lmvs.consistency import OrientedPoints, confirmations, join_points, line_points
+from neural_strands.lmvs.consistency import LineCloud, confirmations, join_points, line_points
 from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.inputs_digest import inputs_digest
 from neural_strands.lmvs.kernels.ribbons import MOST_NEIGHBOURS
@@ -236,7 +236,7 @@ def _match(cache: ViewCache, scene: _Scene, i: int, neighbours: list[int], confi
 
 def _fuse(
     cache: ViewCache, cameras: Sequence[Camera], good: list[int], i: int, scene: _Scene, config: LmvsConfig
-) -> tuple[OrientedPoints, OrientedPoints]:
+) -> tuple[LineCloud, LineCloud]:
     """Split a view's lines into those that other views confirm and guesses: the best unconfirmed line per cell."""
     lines = cache.lines(i)
     points = line_points(cameras[i], lines)
@@ -250,9 +250,9 @@ def _fuse(
     fit = (1 - lines.cost[kept]).clamp(0.05, 1)
     view = torch.full_like(fit, i, dtype=torch.int64)
     sure = votes >= min(config.confirming, 0.5 * len(near))
-    confirmed = OrientedPoints(points, directions, fit * (votes / len(near)).sqrt().clamp(max=1), view).select(sure)
+    confirmed = LineCloud(points, directions, fit * (votes / len(near)).sqrt().clamp(max=1), view).select(sure)
     # The vote added to all lines lets the matching cost rank those without other votes.
-    guesses = OrientedPoints(points, directions, fit * ((votes + NOBODY) / len(near)).sqrt(), view).select(~sure)
+    guesses = LineCloud(points, directions, fit * ((votes + NOBODY) / len(near)).sqrt(), view).select(~sure)
     if config.complete == "never" or not scene.masked:
         return confirmed, guesses.select(view[:0])
     return confirmed, fill_gaps(guesses, confirmed, config.gap * scene.footprint)

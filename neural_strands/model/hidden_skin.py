@@ -27,7 +27,7 @@ def known_share(free: Float[Tensor, " vertex"]) -> Float[Tensor, " vertex"]:
 
 
 @torch.no_grad()
-def spread(
+def extend_over_mesh(
     values: Float[Tensor, "vertex channel"], known: Float[Tensor, " vertex"], mesh: Mesh
 ) -> Float[Tensor, "vertex channel"]:
     """Extend values from known vertices to all vertices of a mesh.

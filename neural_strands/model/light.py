@@ -22,7 +22,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.voxel_grid import VoxelGrid
 from neural_strands.model.compositing import SkinChange
 from neural_strands.model.hair_volume import HairVolume
-from neural_strands.model.hidden_skin import known_share, spread
+from neural_strands.model.hidden_skin import extend_over_mesh, known_share
 
 LOST = 0.3
 """Share of the light lost at each fibre; the rest is scattered forwards."""
@@ -225,7 +225,7 @@ class BakedLight:
         near, light = volume.grid.index(places)[1], field.at(places)
         sight, unhindered = (LightField.through(volume, width, surface, lost).direct(places) for lost in (1.0, 0.0))
         known = torch.where(near, known_share(sight / unhindered.clamp(min=FAINTEST)), 1.0)
-        bare = spread(skin / light[:, None], known, body)
+        bare = extend_over_mesh(skin / light[:, None], known, body)
         along = field.at(_at_knots(strands.points))
         return cls(strands.chart_positions(), along, light, places, near, known, bare, surface, width)
 

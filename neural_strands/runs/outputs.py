@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.fitting.first_colours import strand_colours
+from neural_strands.fitting.first_colours import photographed_colours
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.unseen_appearance import fill_unseen_appearance
 from neural_strands.flow.unseen import unseen_share
@@ -59,7 +59,7 @@ def strands_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> F
 @torch.no_grad()
 def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Tensor, "strand 3"]:
     """Linear RGB of each strand: mean of the pixels that see it; a strand that no view sees takes its neighbour's."""
-    colours, weight = strand_colours(model, strands, data.views)
+    colours, weight = photographed_colours(model, strands, data.views)
     known = weight > 0
     if known.any() and not known.all():
         roots = strands.points[:, 0]

@@ -89,7 +89,7 @@ def read_metric_head(path: Path) -> HeadFile:
     """
     head = read_head_file(path)
     width = measure_head(head.mesh.vertices).width
-    if not in_metres(width):
+    if not is_head_width(width):
         raise InputError(
             f"{path}: wrong scale: expected a head in metres, about {HEAD_WIDTH:g} wide, found one {width:.3g} wide; "
             "scale it to the frame that it is used in."
@@ -97,7 +97,7 @@ def read_metric_head(path: Path) -> HeadFile:
     return head
 
 
-def in_metres(width: float) -> bool:
+def is_head_width(width: float) -> bool:
     """Whether this is a plausible width of a head in metres."""
     return SMALLEST <= width <= LARGEST
 

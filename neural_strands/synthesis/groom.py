@@ -43,10 +43,10 @@ def make_groom(head: Head, style: Style, melanin: Melanin, count: int, generator
     points = add_detail(points, normals, style, generator)
     points = keep_outside(points, grid, head.mesh)
     pigment = draw_melanin(melanin, len(points), generator).to(points)
-    return Strands(points, roots.uv, normals, strand_widths(points), melanin_colour(pigment))
+    return Strands(points, roots.uv, normals, covering_widths(points), melanin_colour(pigment))
 
 
-def strand_widths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
+def covering_widths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
     """Full thickness (metres), tapering towards the tip.
 
     A groom with fewer strands than a real head has thicker ones, so that they cover the head. The factor is the square

@@ -22,7 +22,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
 from neural_strands.synthesis.backend import load_mitsuba
-from neural_strands.synthesis.groom import strand_widths
+from neural_strands.synthesis.groom import covering_widths
 from neural_strands.synthesis.pigment import AZIMUTHAL_ROUGHNESS, draw_melanin, melanin_colour, melanin_groups
 from neural_strands.synthesis.scene_files import write_coloured_mesh, write_curves
 from neural_strands.synthesis.styles import MELANIN, Melanin
@@ -207,7 +207,7 @@ def _write_hair(
     folder: Path, strands: Strands, melanin: Float[Tensor, "strand 2"], count: int
 ) -> list[tuple[Path, Float[Tensor, "2"]]]:
     """One file of curves for each group of similar pigment."""
-    width = strand_widths(strands.points) if strands.width is None else strands.width
+    width = covering_widths(strands.points) if strands.width is None else strands.width
     written = []
     for index, (members, mean) in enumerate(melanin_groups(melanin, count)):
         path = folder / f"hair_{index}.txt"

@@ -182,8 +182,8 @@ def test_some_views_of_a_capture_are_a_capture(cells, tmp_path):
     assert len(find_head(part, None).scalp_faces) == len(find_head(whole, None).scalp_faces)
 
 
-def test_spread(rows):
-    assert rows.spread([1.0, 2.0, 4.5], 1) == "2.5 ± 1.8"
-    assert rows.spread([1.25], 2) == "1.25"
-    assert rows.spread([1.0, None], 2) == "-"
-    assert rows.spread([], 2) == "-"
+def test_figures_over_seeds(rows):
+    assert rows.over_seeds([1.0, 2.0, 4.5], 1) == "2.5 ± 1.8"
+    assert rows.over_seeds([1.25], 2) == "1.25"
+    assert rows.over_seeds([1.0, None], 2) == "-"
+    assert rows.over_seeds([], 2) == "-"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from neural_strands.fitting.first_colours import filled, initialise_colours, spread, strand_colours
+from neural_strands.fitting.first_colours import filled, initialise_colours, photographed_colours, scatter_to_texture
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
@@ -57,7 +57,7 @@ def painted(model: HairModel, strands: Strands, camera: Camera, colour: torch.Te
 def test_spreading_is_the_transpose_of_sampling(generator):
     uv, values = torch.rand(20, 2, generator=generator), torch.randn(20, 3, generator=generator)
     texture = torch.randn(6, 7, 3, generator=generator)
-    total, weight = spread(values, uv, 6, 7)
+    total, weight = scatter_to_texture(values, uv, 6, 7)
     torch.testing.assert_close((total * texture).sum(), (values * sample_texture(texture, uv)).sum())
     torch.testing.assert_close(weight.sum(), torch.tensor(20.0))
 
@@ -75,7 +75,7 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     model, strands, cameras = scene
     colour = torch.rand(STRANDS, 3, generator=generator)
     targets = [painted(model, strands, camera, colour) for camera in cameras]
-    found, weight = strand_colours(model, strands, targets)
+    found, weight = photographed_colours(model, strands, targets)
     seen = weight > 0
     assert seen.sum() > STRANDS // 2
     torch.testing.assert_close(found[seen], to_linear(colour[seen]))

@@ -8,7 +8,7 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.voxel_grid import VoxelGrid
-from neural_strands.lmvs.consistency import OrientedPoints, confirmations, line_points
+from neural_strands.lmvs.consistency import LineCloud, confirmations, line_points
 from neural_strands.lmvs.fusion import add_guesses, best_share, fill_gaps, share_reached
 from neural_strands.lmvs.patchmatch import LineMap
 from neural_strands.lmvs.search_range import SmoothHull
@@ -60,10 +60,10 @@ def test_votes_are_those_of_a_loop(generator: torch.Generator):
     assert voted > 20
 
 
-def cloud(points: list[list[float]], weight: list[float]) -> OrientedPoints:
+def cloud(points: list[list[float]], weight: list[float]) -> LineCloud:
     count = len(points)
     lines = torch.tensor([[1.0, 0.0, 0.0]]).repeat(count, 1)
-    return OrientedPoints(torch.tensor(points), lines, torch.tensor(weight), torch.zeros(count, dtype=torch.int64))
+    return LineCloud(torch.tensor(points), lines, torch.tensor(weight), torch.zeros(count, dtype=torch.int64))
 
 
 def test_gaps_take_the_best_guess_of_each_empty_cell():

@@ -12,7 +12,7 @@ from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.visual_hull import head_distance
 from neural_strands.geometry.voxel_grid import VoxelGrid
 from neural_strands.lmvs.chains import ChainConfig, grow_chains
-from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.consistency import LineCloud
 from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
 from neural_strands.lmvs.kernels.ribbons import Patch
 from neural_strands.lmvs.region import Region
@@ -65,7 +65,7 @@ def test_chains_follow_a_circle(generator: torch.Generator):
     circle = torch.stack([angle.cos(), angle.sin(), torch.zeros(count)], dim=-1)
     tangent = torch.stack([-angle.sin(), angle.cos(), torch.zeros(count)], dim=-1)
     tangent = tangent * torch.sign(torch.randn(count, 1, generator=generator))
-    cloud = OrientedPoints(radius * circle, tangent, torch.ones(count), torch.zeros(count, dtype=torch.int64))
+    cloud = LineCloud(radius * circle, tangent, torch.ones(count), torch.zeros(count, dtype=torch.int64))
     found = grow_chains(cloud, footprint, ChainConfig(), generator)
     assert len(found) > 0.5 * 2 * math.pi * radius / footprint
     assert ((found.points.norm(dim=-1) - radius).abs() < 3e-4).all()

@@ -10,7 +10,7 @@ import warp as wp
 from neural_strands.foundation import kernels as launches
 from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.chains import mean_shift
-from neural_strands.lmvs.consistency import OrientedPoints
+from neural_strands.lmvs.consistency import LineCloud
 from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
 from neural_strands.lmvs.kernels.ribbons import Patch
 from neural_strands.lmvs.patchmatch import LEVELS
@@ -87,7 +87,7 @@ def test_mean_shift_is_its_twin(generator: torch.Generator):
     )
     directions *= torch.sign(torch.randn(count, 1, generator=generator))
     weight = torch.rand(count, generator=generator)
-    cloud = OrientedPoints(points, directions, weight, torch.zeros(count, dtype=torch.int64))
+    cloud = LineCloud(points, directions, weight, torch.zeros(count, dtype=torch.int64))
     moved, turned, support = mean_shift(cloud, 0.004, 30.0, 1)
     for i in range(0, count, 13):
         place, line, total = mean_line_reference(points, directions, weight, points[i], directions[i], 0.004, 30.0)
@@ -100,6 +100,6 @@ def test_mean_shift_moves_across_the_line_only(generator: torch.Generator):
     count = 100
     points = torch.rand(count, 3, generator=generator) * 0.01
     directions = torch.tensor([0.0, 0.0, 1.0]).repeat(count, 1)
-    cloud = OrientedPoints(points, directions, torch.ones(count), torch.zeros(count, dtype=torch.int64))
+    cloud = LineCloud(points, directions, torch.ones(count), torch.zeros(count, dtype=torch.int64))
     moved, _, _ = mean_shift(cloud, 0.005, 20.0, 2)
     assert torch.allclose(moved[:, 2], points[:, 2], atol=1e-6)

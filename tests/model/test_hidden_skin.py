@@ -5,7 +5,7 @@ import torch
 from scipy.spatial import Delaunay
 
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.model.hidden_skin import HELD, HIDDEN, MEAN, SEEN, known_share, spread
+from neural_strands.model.hidden_skin import HELD, HIDDEN, MEAN, SEEN, extend_over_mesh, known_share
 
 
 def patch(count=60, seed=0):
@@ -36,14 +36,14 @@ def test_values_are_the_smoothest_that_keep_to_what_is_known():
         rows += [*torch.diag(weights.double().sqrt())]
         right += [*(weights.double().sqrt()[:, None] * wanted.double())]
     expected = torch.linalg.lstsq(torch.stack(rows), torch.stack(right)).solution
-    torch.testing.assert_close(spread(values, known, mesh).double(), expected, atol=1e-4, rtol=0)
+    torch.testing.assert_close(extend_over_mesh(values, known, mesh).double(), expected, atol=1e-4, rtol=0)
 
 
 def test_what_is_not_known_lies_between_what_is_and_does_not_count():
     mesh = patch()
     known = (mesh.vertices[:, 0] < 0.3).float()
     values = torch.where(known[:, None] > 0, 0.4 + 0.2 * mesh.vertices[:, 1:2], torch.nan)
-    found = spread(values, known, mesh)
+    found = extend_over_mesh(values, known, mesh)
     assert float(found.min()) >= 0.4 - 1e-4
     assert float(found.max()) <= 0.6 + 1e-4
 
@@ -53,9 +53,9 @@ def test_a_part_on_its_own_takes_the_mean_and_without_any_known_value_all_stays(
     mesh = Mesh(torch.cat([one.vertices, one.vertices + 5]), torch.cat([one.faces, one.faces + 20]))
     known = torch.cat([torch.ones(20), torch.zeros(20)])
     values = torch.rand(40, 3, generator=torch.Generator().manual_seed(2))
-    found = spread(values, known, mesh)
+    found = extend_over_mesh(values, known, mesh)
     torch.testing.assert_close(found[20:], values[:20].mean(dim=0).expand(20, 3), atol=1e-4, rtol=0)
-    assert spread(values, torch.zeros(40), mesh) is values
+    assert extend_over_mesh(values, torch.zeros(40), mesh) is values
 
 
 def test_places_are_known_by_how_freely_they_are_seen():
