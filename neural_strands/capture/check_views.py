@@ -10,6 +10,7 @@ from neural_strands.capture.findings import Finding
 from neural_strands.capture.hold_out import FEWEST_VIEWS, HOLD_OUT_EVERY, training_views
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.rays import nearest_to_rays, spread_directions
 from neural_strands.scalp.hairline import measure_head
 from neural_strands.scalp.head_file import HEAD_WIDTH, is_head_width
 
@@ -32,16 +33,11 @@ DIRECTIONS = 1000
 
 
 def subject_centre(cameras: Sequence[Camera], head: Mesh | None) -> Float[Tensor, "3"]:
-    """The middle of the head or, without one, the point nearest to all optical axes (least squares)."""
+    """The middle of the head or, without one, the point nearest to all optical axes."""
     if head is not None:
         return 0.5 * (head.vertices.amin(dim=0) + head.vertices.amax(dim=0))
-    axes = torch.stack([camera.rotation[2] for camera in cameras]).double()
-    positions = torch.stack([camera.position for camera in cameras]).double()
-    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
-    # Parallel axes do not meet; a small weight on the points one unit ahead makes the system solvable.
-    system = across.sum(dim=0) + 1e-9 * len(cameras) * torch.eye(3, dtype=torch.float64)
-    right = (across @ positions[:, :, None]).sum(dim=0) + 1e-9 * (positions + axes).sum(dim=0)[:, None]
-    return torch.linalg.solve(system, right)[:, 0].float()
+    positions, axes = [camera.position for camera in cameras], [camera.rotation[2] for camera in cameras]
+    return nearest_to_rays(torch.stack(positions), torch.stack(axes))
 
 
 def check_scale(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
@@ -90,7 +86,7 @@ def check_viewpoints(cameras: Sequence[Camera], head: Mesh | None) -> Finding:
     """Check that there are enough views, all around the head."""
     centre = subject_centre(cameras, head)
     toward = torch.nn.functional.normalize(torch.stack([camera.position for camera in cameras]) - centre, dim=-1)
-    nearest = (_sphere(DIRECTIONS) @ toward.T).amax(dim=1)
+    nearest = (spread_directions(DIRECTIONS) @ toward.T).amax(dim=1)
     covered = float((nearest >= torch.cos(torch.deg2rad(torch.tensor(REACH)))).float().mean())
     spread = float(torch.rad2deg(torch.acos((toward @ toward.T).min().clamp(-1, 1))))
     facts = f"{len(cameras)} views, {spread:.0f}° apart at most, cover {100 * covered:.0f} % of all directions"
@@ -129,12 +125,3 @@ def _seen_share(camera: Camera, points: Float[Tensor, "point 3"]) -> float:
     pixels, depth = camera.project(points)
     size = pixels.new_tensor([camera.width, camera.height])
     return float(((pixels >= 0) & (pixels <= size)).all(dim=-1).logical_and(depth > 0).float().mean())
-
-
-def _sphere(count: int) -> Float[Tensor, "{count} 3"]:
-    """Directions spread evenly over the sphere (Fibonacci lattice)."""
-    index = torch.arange(count) + 0.5
-    z = 1 - 2 * index / count
-    turn = index * torch.pi * (3 - 5**0.5)
-    ring = (1 - z.square()).sqrt()
-    return torch.stack([ring * turn.cos(), ring * turn.sin(), z], dim=-1)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.editing.settings import Wind
+from neural_strands.foundation.smoothstep import smoothstep
 
 RISE = 0.5
 """Time in which the wind rises, and in which it falls, seconds."""
@@ -57,16 +58,10 @@ class Gusts:
         return angle.sin() @ self.size
 
 
-def smooth(share: float) -> float:
-    """Smoothstep: 0 up to 0, 1 from 1, smooth in between."""
-    share = min(max(share, 0.0), 1.0)
-    return share * share * (3 - 2 * share)
-
-
 def blowing(wind: Wind, seconds: float) -> float:
     """Share of its full strength at which the wind blows at a time, without gusts."""
-    falling = smooth(1 - (seconds - wind.seconds) / RISE) if wind.calm else 1.0
-    return smooth(seconds / RISE) * falling
+    falling = smoothstep(1 - (seconds - wind.seconds) / RISE) if wind.calm else 1.0
+    return smoothstep(seconds / RISE) * falling
 
 
 def sideways(direction: Float[Tensor, "3"]) -> Float[Tensor, "3"]:

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from neural_strands.editing.settings import Dabs
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.strands import Strands
 
 HARD = 0.6
@@ -22,8 +23,7 @@ def region_weight(uv: Float[Tensor, "root 2"], dabs: Dabs) -> Float[Tensor, " ro
     painted = uv.new_tensor(dabs).reshape(-1, 3)
     for part in painted.split(DABS_AT_ONCE):
         share = torch.cdist(uv, part[:, :2]) / part[:, 2].clamp(min=1e-9)
-        fade = ((1 - share) / (1 - HARD)).clamp(0, 1)
-        weight = torch.maximum(weight, (fade * fade * (3 - 2 * fade)).amax(dim=1))
+        weight = torch.maximum(weight, smoothstep((1 - share) / (1 - HARD)).amax(dim=1))
     return weight
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.rays import nearest_to_rays
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 MOST_NODES = 12_000_000
@@ -64,14 +65,8 @@ def seen_radii(cameras: Sequence[Camera], hairs: Sequence[Tensor]) -> tuple[Floa
     Returns:
         The point, and the radius of the hair in each camera, metres.
     """
-    device = cameras[0].intrinsics.device
-    system, right = torch.zeros(3, 3, device=device), torch.zeros(3, device=device)
-    for camera, box in zip(cameras, hairs, strict=True):
-        axis = camera.rays(0.5 * (box[:2] + box[2:]))
-        project = torch.eye(3, device=device) - axis[:, None] * axis
-        system += project
-        right += project @ camera.position
-    centre = torch.linalg.solve(system, right)
+    middles = [camera.rays(0.5 * (box[:2] + box[2:])) for camera, box in zip(cameras, hairs, strict=True)]
+    centre = nearest_to_rays(torch.stack([camera.position for camera in cameras]), torch.stack(middles))
     radius = []
     for camera, box in zip(cameras, hairs, strict=True):
         distance = float((camera.position - centre).norm())

@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.sparse.linalg import cg
 from torch import Tensor
 
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.mesh import Mesh
 
 HIDDEN, SEEN = 0.25, 0.5
@@ -22,8 +23,7 @@ PRECISION, STEPS = 1e-5, 2000
 
 def known_share(free: Float[Tensor, " vertex"]) -> Float[Tensor, " vertex"]:
     """How well photographs determine the skin's colour, in [0, 1], given the share of free lines of sight."""
-    share = ((free - HIDDEN) / (SEEN - HIDDEN)).clamp(0, 1)
-    return share * share * (3 - 2 * share)
+    return smoothstep((free - HIDDEN) / (SEEN - HIDDEN))
 
 
 @torch.no_grad()

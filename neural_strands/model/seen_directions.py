@@ -13,6 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from neural_strands.foundation.smoothstep import smoothstep
+
 LEAST_SLACK = math.radians(30)
 """Least value of the angle to the nearest photograph up to which nothing is rotated."""
 SPACINGS = 1.5
@@ -46,8 +48,7 @@ def turn_to_seen(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> Fl
     if gap <= slack:
         return None
     goal = F.normalize((torch.softmax(SHARPNESS * cosine, dim=0)[:, None] * seen).sum(dim=0), dim=0)
-    part = min(1.0, (gap - slack) / slack)
-    share = part * part * (3 - 2 * part)
+    share = smoothstep((gap - slack) / slack)
     across, height = _azimuth(goal, unit), math.asin(float(goal[1].clamp(-1, 1))) - math.asin(float(unit[1]))
     about = _rotation(place.new_tensor([0.0, 1.0, 0.0]), share * across)
     turned = about @ unit

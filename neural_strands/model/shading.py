@@ -10,7 +10,6 @@ hair around it (`model.hair_volume`), so that what is learned from one strand ap
 saw z_a would memorise each strand's training views.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -20,6 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from neural_strands.foundation.configs import Between
+from neural_strands.geometry.rays import spread_directions
 from neural_strands.model import hair_volume
 
 CPU_BATCH = 4096
@@ -130,12 +130,3 @@ def fibre_angles(
     width = (across * (1 - sine.square())).clamp(min=1e-4).sqrt()
     azimuth = (sine * along - view @ lights.T) / width
     return torch.cat([along, across, sine, both, torch.exp(-(both / LOBE).square()), azimuth], dim=1)
-
-
-def spread_directions(count: int) -> Float[Tensor, "count 3"]:
-    """Unit directions spread evenly over the sphere: a Fibonacci lattice."""
-    place = torch.arange(count) + 0.5
-    height = 1 - 2 * place / max(count, 1)
-    turn = place * math.pi * (1 + 5**0.5)
-    across = (1 - height.square()).sqrt()
-    return torch.stack([across * turn.cos(), height, across * turn.sin()], dim=1)

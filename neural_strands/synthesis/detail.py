@@ -8,6 +8,7 @@ from jaxtyping import Float, Int64
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.strands import directions, segments
 from neural_strands.synthesis.styles import Style
@@ -69,7 +70,7 @@ def gather_locks(
     lead = points[leader]
     picked = [lead.gather(1, index[..., None].expand(-1, -1, 3)) for index in (left, left + 1)]
     target = picked[0] * (1 - weight) + picked[1] * weight
-    pull = tightness[:, None] * _ramp(along, 0.45)
+    pull = tightness[:, None] * smoothstep(along / 0.45)
     reach = (length[leader] / length).clamp(max=1.0)[:, None]
     pull = pull * ((reach * 1.15 - along) / 0.15).clamp(0.0, 1.0)
     return points + pull[..., None] * (target - points)
@@ -108,7 +109,7 @@ def _waves(
     start = place + 0.8 * by_lock[2] + 0.2 * by_small[1] + 0.08 * own[1]
     drift = 0.6 * torch.sin(arc * 19.0 + by_lock[1][:, None] * 3)
     phase = 2 * math.pi * arc / wave_length[:, None] + start[:, None] + drift
-    size = amplitude[:, None] * _ramp(arc / (1.2 * style.wave_length), 1.0)
+    size = amplitude[:, None] * smoothstep(arc / (1.2 * style.wave_length))
     wave = torch.stack([phase.cos(), style.helix * phase.sin()], dim=-1)
     return size[..., None] * wave
 
@@ -131,17 +132,11 @@ def _frizz(
             phase = 2 * math.pi * draws[:, 1 + axis]
             weight = (2 * draws[:, 3 + axis] - 1) / (1 + mode)
             total[..., axis] += weight[:, None] * torch.sin(arc * frequency[:, None] + phase[:, None])
-    return total * (gain[:, None] * _ramp(arc / 0.06, 1.0))[..., None]
+    return total * (gain[:, None] * smoothstep(arc / 0.06))[..., None]
 
 
 def _arc(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
     return torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
-
-
-def _ramp(position: Tensor, end: float) -> Tensor:
-    """Smooth rise from 0 at 0 to 1 at `end`."""
-    t = (position / end).clamp(0.0, 1.0)
-    return t * t * (3 - 2 * t)
 
 
 def _random(count: int, generator: torch.Generator, like: Tensor) -> Float[Tensor, " {count}"]:

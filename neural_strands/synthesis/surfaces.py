@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.scalp.head import Head
 
@@ -72,8 +73,7 @@ def smooth_noise(points: Float[Tensor, "point 3"], size: float, generator: torch
     sizes = [int(extent) + 2 for extent in place.amax(dim=0).tolist()]
     lattice = torch.randn(sizes, generator=generator, device=generator.device).to(points)
     corner = place.floor().long()
-    fraction = place - corner
-    blend = fraction * fraction * (3 - 2 * fraction)
+    blend = smoothstep(place - corner)
     total = points.new_zeros(len(points))
     for offset in range(8):
         bits = torch.tensor([offset & 1, offset >> 1 & 1, offset >> 2 & 1], device=points.device)

@@ -6,8 +6,9 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
+from neural_strands.geometry.rays import spread_directions
 from neural_strands.model.hair_volume import CHANNELS
-from neural_strands.model.shading import CPU_BATCH, LOBE, PointShading, ShadingConfig, fibre_angles, spread_directions
+from neural_strands.model.shading import CPU_BATCH, LOBE, PointShading, ShadingConfig, fibre_angles
 
 
 @pytest.mark.parametrize("hidden", [0, 8])
@@ -112,11 +113,3 @@ def test_angles_have_gradients_where_eye_or_light_look_along_the_fibre():
     fibre_angles(fibre, torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), lights).square().sum().backward()
     assert fibre.grad.isfinite().all()
     assert lights.grad.isfinite().all()
-
-
-@pytest.mark.parametrize("count", [0, 1, 6, 40])
-def test_spread_directions_are_units_that_balance(count):
-    directions = spread_directions(count)
-    torch.testing.assert_close(directions.norm(dim=1), torch.ones(count))
-    if count >= 6:
-        assert directions.mean(dim=0).norm() < 0.1
