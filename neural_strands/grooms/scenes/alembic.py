@@ -10,9 +10,6 @@ colours are lost.
 """
 
 import importlib.util
-import json
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.worker import started_worker
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.motion import Motion
 from neural_strands.grooms.scenes.unreal_alembic import is_available, write_unreal_alembic
@@ -62,19 +60,10 @@ class Blender:
             InputError: Blender is missing, or failed.
         """
         self.check()
-        python = sys.executable if self.python is None else str(self.python)
-        try:
-            # -I isolates the other interpreter from this environment's paths.
-            done = subprocess.run(
-                [python, "-I", str(worker)], input=json.dumps(request), capture_output=True, text=True, check=False
-            )
-        except OSError as error:
-            raise InputError(
-                f"{python}: expected a Python with bpy, found one that does not start ({error.strerror}); {ADVICE}."
-            ) from error
-        if done.returncode:
-            said = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:] or [f"status {done.returncode}"]
-            raise InputError(f"{python}: expected Blender to work, found: {said[0][:300]}; {ADVICE}.")
+        with started_worker(self.python, worker, request, "bpy") as running:
+            if running.status():
+                said = running.last_words()
+                raise InputError(f"{running.python}: expected Blender to work, found: {said}; {ADVICE}.")
 
 
 def write_alembic(path: Path, groom: Groom, guides: Groom | None, motion: Motion | None, blender: Blender) -> None:

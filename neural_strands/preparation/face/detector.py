@@ -6,17 +6,15 @@ MediaPipe requires particular versions of NumPy and OpenCV, so it often needs an
 
 import importlib.util
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
+from neural_strands.foundation.worker import started_worker
 from neural_strands.preparation.face.topology import LANDMARKS
 
 WORKER = Path(__file__).with_name("worker.py")
@@ -75,37 +73,20 @@ class Detector:
             "face_model": None if self.face_model is None else str(self.face_model.resolve()),
             "person_model": None if self.person_model is None else str(self.person_model.resolve()),
         }
-        python = sys.executable if self.python is None else str(self.python)
         found: list[list[np.ndarray]] = []
-        with (
-            TemporaryFile("w+", encoding="utf-8") as asked,
-            TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints,
-        ):
-            json.dump(request, asked)
-            asked.seek(0)
-            try:
-                # -I isolates the other interpreter from this environment's paths.
-                process = subprocess.Popen(
-                    [python, "-I", str(WORKER)], stdin=asked, stdout=subprocess.PIPE, stderr=complaints, text=True
-                )
-            except OSError as error:
-                raise InputError(
-                    f"{python}: expected a Python with mediapipe, but it does not start ({error.strerror})."
-                ) from error
-            with process:
-                assert process.stdout is not None
-                for line in track(process.stdout, description, total=len(pictures)):
-                    answer = json.loads(line)
-                    if "error" in answer:
-                        raise InputError(
-                            f"Finding faces: expected MediaPipe to work, found: {answer['error']}; {ADVICE}."
-                        )
-                    found.append([_face(face) for face in answer["faces"]])
+        with started_worker(self.python, WORKER, request, "mediapipe") as worker:
+            for line in track(worker.answers(), description, total=len(pictures)):
+                answer = json.loads(line)
+                if "error" in answer:
+                    raise _failure(answer["error"])
+                found.append([_face(face) for face in answer["faces"]])
             if len(found) < len(pictures):
-                complaints.seek(0)
-                last = complaints.read().strip().splitlines()[-1:] or [f"exit status {process.returncode}"]
-                raise InputError(f"Finding faces: expected MediaPipe to work, found: {last[0][:300]}; {ADVICE}.")
+                raise _failure(worker.last_words())
         return found
+
+
+def _failure(found: str) -> InputError:
+    return InputError(f"Finding faces: expected MediaPipe to work, found: {found}; {ADVICE}.")
 
 
 def _face(points: list) -> np.ndarray:
