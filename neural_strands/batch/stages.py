@@ -28,6 +28,7 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.head.fit import KnownSize
 from neural_strands.preparation.prepare import STAGES as PREPARATION
+from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.prepare import PrepareRequest, prepare
 from neural_strands.runs.evaluate import evaluate_run, open_run
 from neural_strands.runs.report import write_report
@@ -82,20 +83,22 @@ def prepare_subject(work: StageWork) -> dict[str, float]:
     """Make a capture from photographs."""
     options = work.subject.prepare
     distance = None if options.pupil_distance is None else 0.001 * options.pupil_distance
+    head = HeadRequest(
+        work.optional(options.landmarks),
+        work.optional(options.template),
+        work.optional(options.scalp),
+        KnownSize(options.scale, distance),
+        Detector(None if options.detector is None else Path(options.detector)),
+        options.bend,
+    )
     request = PrepareRequest(
         work.input(work.subject.source, "photographs"),
         work.folder / CAPTURE,
         work.optional(options.cameras),
-        work.optional(options.landmarks),
-        work.optional(options.template),
-        work.optional(options.scalp),
         work.optional(options.masks),
-        None,
-        KnownSize(options.scale, distance),
-        Detector(None if options.detector is None else Path(options.detector)),
-        options.longest_side,
-        options.frames,
-        options.bend,
+        longest_side=options.longest_side,
+        frames=options.frames,
+        head=head,
     )
     return {"views": float(prepare(request, work.feedback.say)["cameras"])}
 

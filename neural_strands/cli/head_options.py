@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from neural_strands.preparation.head.request import HeadRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,3 +24,21 @@ class HeadOptions:
     """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which includes its models."""
     bend: bool = True
     """Deform the template to match the person's face and outline; otherwise it keeps its shape."""
+
+    def head_request(
+        self, scale: float | None, pupil_distance: float | None = None, person_model: Path | None = None
+    ) -> "HeadRequest":
+        """Combine the options with what is known of the size.
+
+        Args:
+            scale: metres in one unit of the cameras, if known.
+            pupil_distance: millimetres between the pupils, if known.
+            person_model: finds the person's outline; the detector's own if None.
+        """
+        from neural_strands.preparation.face.detector import Detector
+        from neural_strands.preparation.head.fit import KnownSize
+        from neural_strands.preparation.head.request import HeadRequest
+
+        size = KnownSize(scale, None if pupil_distance is None else 0.001 * pupil_distance)
+        detector = Detector(self.detector, self.face_model, person_model)
+        return HeadRequest(self.landmarks, self.template, self.scalp, size, detector, self.bend)

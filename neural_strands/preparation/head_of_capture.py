@@ -1,7 +1,7 @@
 """Makes a head for a capture that has none: a template fitted to the faces in its photographs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,37 +14,16 @@ from torch import Tensor
 from neural_strands.capture.capture import Capture
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
-from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_marks
 from neural_strands.preparation.head.builtin import builtin_template
-from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
+from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.masks.hair import vote_on
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.preparation.write_capture import person_scalp
-
-
-@dataclass(frozen=True)
-class HeadRequest:
-    """How to find a capture's head.
-
-    Attributes:
-        landmarks: landmarks set by hand; detected if None.
-        template: a head mesh; the built-in one if None.
-        scalp: the template's scalp; found if None.
-        size: sizes that the user measured; without any, the cameras' unit is the metre.
-        detector: finds faces.
-        bend: whether the template is deformed to fit the person, or keeps its shape.
-    """
-
-    landmarks: Path | None = None
-    template: Path | None = None
-    scalp: Path | None = None
-    size: KnownSize = field(default_factory=lambda: KnownSize(metres_per_unit=1.0))
-    detector: Detector = field(default_factory=Detector)
-    bend: bool = True
 
 
 @dataclass(frozen=True)
@@ -75,8 +54,7 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
     Raises:
         InputError: an input is missing or wrong, or the views do not agree on one face.
     """
-    if request.landmarks is None or request.template is not None:
-        request.detector.check()
+    request.check()
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         calibration = _calibration(capture, folder)

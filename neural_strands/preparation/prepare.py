@@ -34,8 +34,9 @@ from neural_strands.preparation.cameras.register import match_photographs, regis
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
 from neural_strands.preparation.head.builtin import STORED, builtin_template
-from neural_strands.preparation.head.fit import FittedHead, KnownSize, fit_head
+from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.masks.hair import find_hair, vote_on
 from neural_strands.preparation.masks.segmenter import GivenMasks, check_command, run_segmenter
@@ -67,31 +68,21 @@ class PrepareRequest:
         photographs: a folder of pictures, or a video.
         out: folder of the capture.
         cameras: file or folder with calibrated cameras; estimated from the photographs if None.
-        landmarks: landmarks set by hand; detected if None.
-        template: a head mesh; the built-in one if None.
-        scalp: the template's scalp; found if None.
         masks: a folder with masks of the hair, named like the photographs; computed if None.
         segmenter: a command that makes masks of the hair (`masks/segmenter.py`).
-        size: sizes that the user measured.
-        detector: finds faces and people.
         longest_side: largest side of a picture, pixels.
         frames: number of frames to take from a video.
-        bend: whether the template is deformed to fit the person, or keeps its shape.
+        head: how to find the head.
     """
 
     photographs: Path
     out: Path
     cameras: Path | None = None
-    landmarks: Path | None = None
-    template: Path | None = None
-    scalp: Path | None = None
     masks: Path | None = None
     segmenter: str | None = None
-    size: KnownSize = field(default_factory=KnownSize)
-    detector: Detector = field(default_factory=Detector)
     longest_side: int = 2048
     frames: int = 80
-    bend: bool = True
+    head: HeadRequest = field(default_factory=HeadRequest)
 
 
 def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
@@ -108,8 +99,7 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
         InputError: an input is missing or wrong, or the photographs do not allow a stage.
     """
     check_out(request)
-    if request.landmarks is None or request.template is not None:
-        request.detector.check()
+    request.head.check()
     if request.segmenter is not None:
         check_command(request.segmenter)
     with sole_writer(request.out / STAGES):
@@ -234,8 +224,7 @@ class _Run:
     def face(self, cameras: Stage, calibration: Calibration) -> Stage:
         """Landmarks of each view, and masks of the person if the detector makes them."""
         names = [picture.name for picture in calibration.pictures]
-        marks = self.request.landmarks
-        detector = self.request.detector
+        marks, detector = self.request.head.landmarks, self.request.head.detector
         inputs = {"cameras": cameras.digest, "detector": _detector_inputs(detector)}
         if marks is not None:
             inputs["landmarks"] = _digest(marks)
@@ -253,36 +242,37 @@ class _Run:
 
     def head(self, cameras: Stage, calibration: Calibration, face: Stage) -> Stage:
         """The template placed on the person."""
-        template = self._template()
+        asked, template = self.request.head, self._template()
         inputs = {
             "cameras": cameras.digest,
             "face": face.digest,
             "template": template.digest,
-            "scale": self.request.size.metres_per_unit,
-            "pupil_distance": self.request.size.pupil_distance,
-            "bend": self.request.bend,
+            "scale": asked.size.metres_per_unit,
+            "pupil_distance": asked.size.pupil_distance,
+            "bend": asked.bend,
         }
 
         def work(out: Path) -> None:
             faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
-            outlines = self.outlines(calibration, face) if self.request.bend else None
+            outlines = self.outlines(calibration, face) if asked.bend else None
             loaded = Template.load(template.folder)
-            fit_head(calibration, faces, loaded, self.request.size, outlines, self.say).save(out)
+            fit_head(calibration, faces, loaded, asked.size, outlines, self.say).save(out)
 
         return self._stage("head", inputs, work)
 
     def _template(self) -> Stage:
-        path, scalp = self.request.template, self.request.scalp
+        asked = self.request.head
+        path, scalp = asked.template, asked.scalp
         if path is None:
             return self._stage("template", {"builtin": digest_files([STORED])}, builtin_template().save)
         inputs = {
             "mesh": _digest(path),
             "scalp": None if scalp is None else _digest(scalp),
-            "detector": _detector_inputs(self.request.detector),
+            "detector": _detector_inputs(asked.detector),
         }
 
         def work(out: Path) -> None:
-            find_landmarks(load_template(path, scalp), self.request.detector, out, str(path)).save(out)
+            find_landmarks(load_template(path, scalp), asked.detector, out, str(path)).save(out)
 
         return self._stage("template", inputs, work)
 

@@ -13,7 +13,9 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, vertex_normals
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.head.builtin import builtin_template, face_paint
+from neural_strands.preparation.head.fit import KnownSize
 from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import draw
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.preparation.prepare import PrepareRequest
@@ -23,6 +25,7 @@ from neural_strands.scalp.fit_similarity import Similarity
 SIDE, VIEWS = 200, 9
 UNIT = 0.4
 """Metres in a unit of the cameras."""
+UNKNOWN = KnownSize()
 
 
 @dataclass(frozen=True)
@@ -34,9 +37,9 @@ class Scene:
     hair: dict[str, np.ndarray]
     cameras: list[Camera]
 
-    def request(self, out: Path, **changes) -> PrepareRequest:
-        request = PrepareRequest(self.folder / "photos", out, self.folder, self.folder / "landmarks.json")
-        return replace(request, **changes)
+    def request(self, out: Path, size: KnownSize = UNKNOWN, bend: bool = True, **changes) -> PrepareRequest:
+        head = HeadRequest(self.folder / "landmarks.json", size=size, bend=bend)
+        return replace(PrepareRequest(self.folder / "photos", out, self.folder, head=head), **changes)
 
 
 def to_their_frame() -> Similarity:

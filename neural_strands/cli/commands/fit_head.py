@@ -34,17 +34,13 @@ class FitHead(HeadOptions):
         """Fit, saying what happens on standard error, and write the head."""
         from neural_strands.capture.capture import Capture
         from neural_strands.capture.writer import CaptureWriter
-        from neural_strands.preparation.face.detector import Detector
-        from neural_strands.preparation.head.fit import KnownSize
-        from neural_strands.preparation.head_of_capture import HeadRequest, head_of_capture
+        from neural_strands.preparation.head_of_capture import head_of_capture
 
         if not 1e-6 <= self.scale <= 1e6:
             raise InputError(f"--scale: expected 1e-06 to 1e+06, found {self.scale:g}.")
         if (self.out / "head.obj").exists():
             raise InputError(f"{self.out / 'head.obj'}: expected no head yet, found one; name another folder.")
-        size, detector = KnownSize(self.scale), Detector(self.detector, self.face_model)
-        request = HeadRequest(self.landmarks, self.template, self.scalp, size, detector, self.bend)
-        found = head_of_capture(Capture.load(self.capture), request, say)
+        found = head_of_capture(Capture.load(self.capture), self.head_request(self.scale), say)
         CaptureWriter(self.out).write_head(found.mesh, found.scalp)
         if self.json:
             sys.stdout.write(json_module.dumps({**found.figures, "scalp_faces": len(found.scalp)}) + "\n")

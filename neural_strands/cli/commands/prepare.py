@@ -49,8 +49,6 @@ class Prepare(HeadOptions):
 
     def run(self) -> None:
         """Prepare, saying what happens on standard error."""
-        from neural_strands.preparation.face.detector import Detector
-        from neural_strands.preparation.head.fit import KnownSize
         from neural_strands.preparation.prepare import PrepareRequest, prepare
 
         for name, value, least, most in (
@@ -61,21 +59,15 @@ class Prepare(HeadOptions):
         ):
             if value is not None and not least <= value <= most:
                 raise InputError(f"--{name}: expected {least:g} to {most:g}, found {value:g}.")
-        distance = None if self.pupil_distance is None else 0.001 * self.pupil_distance
         request = PrepareRequest(
             self.photographs,
             self.out,
             self.cameras,
-            self.landmarks,
-            self.template,
-            self.scalp,
             self.masks,
             self.segmenter,
-            KnownSize(self.scale, distance),
-            Detector(self.detector, self.face_model, self.person_model),
             self.longest_side,
             self.frames,
-            self.bend,
+            self.head_request(self.scale, self.pupil_distance, self.person_model),
         )
         figures = prepare(request, say)
         if self.json:
