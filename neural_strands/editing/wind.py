@@ -16,6 +16,7 @@ from neural_strands.editing.haircut import arc_lengths
 from neural_strands.editing.outside import clearance_at, follow_outside, rest_clearance
 from neural_strands.editing.settings import Wind
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.resample import interpolate_evenly
 from neural_strands.geometry.strands import Strands, segments
 
 STIFF = 0.12
@@ -53,15 +54,9 @@ class BlownHair:
         knots = torch.linspace(0, 1, KNOTS, device=self.roots.device)
         moments = seconds - self.arc[:, -1:] * knots / DOWN
         gust, swerve = self.field.gust_and_swerve(self.roots, moments)
-        force = self.field.force(seconds) * self._between_knots(gust) * self.give
+        force = self.field.force(seconds) * interpolate_evenly(gust, self.steps.shape[1]) * self.give
         steps = turned(self.steps, self.mean, self.field.towards(swerve.mean(dim=1, keepdim=True)), force)
         return follow_outside(self.roots, steps, self.body, clearance_at(self.clearance, seconds))
-
-    def _between_knots(self, values: Float[Tensor, "strand knot"]) -> Float[Tensor, "strand segment"]:
-        """Interpolate values at evenly spaced knots to every segment of the strand."""
-        place = torch.linspace(0, KNOTS - 1, self.steps.shape[1], device=values.device)
-        before = place.long().clamp(max=KNOTS - 2)
-        return torch.lerp(values[:, before], values[:, before + 1], place - before)
 
 
 def turned(

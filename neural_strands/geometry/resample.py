@@ -73,6 +73,17 @@ def resample(strands: Strands, count: int) -> Strands:
     return replace(strands, points=points, t=t, width=width[0] if width else None)
 
 
+def interpolate_evenly(
+    values: Float[Tensor, "strand point *channel"], count: int
+) -> Float[Tensor, "strand {count} *channel"]:
+    """Interpolate values at the points of strands linearly to `count` places, evenly spaced in the point's index."""
+    last = values.shape[1] - 1
+    place = torch.linspace(0, last, count, device=values.device)
+    before = place.long().clamp(max=last - 1)
+    share = (place - before).reshape(-1, *(1 for _ in values.shape[2:]))
+    return torch.lerp(values[:, before], values[:, before + 1], share)
+
+
 def resample_ragged(
     vertices: Float[Tensor, "vertex 3"], offsets: Int64[Tensor, " strands_plus_one"], count: int
 ) -> Float[Tensor, "strand {count} 3"]:

@@ -18,6 +18,7 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from neural_strands.geometry.mesh import Mesh, vertex_normals
+from neural_strands.geometry.resample import interpolate_evenly
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.voxel_grid import VoxelGrid
 from neural_strands.model.compositing import SkinChange
@@ -226,7 +227,7 @@ class BakedLight:
         sight, unhindered = (LightField.through(volume, width, surface, lost).direct(places) for lost in (1.0, 0.0))
         known = torch.where(near, known_share(sight / unhindered.clamp(min=FAINTEST)), 1.0)
         bare = extend_over_mesh(skin / light[:, None], known, body)
-        along = field.at(_at_knots(strands.points))
+        along = field.at(interpolate_evenly(strands.points, KNOTS))
         return cls(strands.chart_positions(), along, light, places, near, known, bare, surface, width)
 
     @torch.no_grad()
@@ -241,9 +242,9 @@ class BakedLight:
             ValueError: the strands have no `root_uv`.
         """
         field = LightField.through(volume, self.width, self.surface)
-        along = _at_knots(strands.parameters()[..., None])[..., 0]
+        along = interpolate_evenly(strands.parameters(), KNOTS)
         before = _between(self.strands[self._fitted_on(strands.chart_positions())], along)
-        factor = field.at(_at_knots(strands.points)) / before
+        factor = field.at(interpolate_evenly(strands.points, KNOTS)) / before
         now = field.at(self.skin_places)
         # Beyond the grid of the fitted hair, its shadows are unknown.
         skin = torch.where(self.near, now / self.skin, 1.0)
@@ -255,13 +256,6 @@ class BakedLight:
         if uv.shape == self.uv.shape and torch.equal(uv, self.uv):
             return torch.arange(len(uv), device=uv.device)
         return torch.from_numpy(KDTree(self.uv.cpu().numpy()).query(uv.cpu().numpy())[1]).to(uv.device)
-
-
-def _at_knots(values: Float[Tensor, "strand point channel"]) -> Float[Tensor, "strand knot channel"]:
-    """Resample values at points to `KNOTS` knots, evenly spaced in the index of the point."""
-    place = torch.linspace(0, values.shape[1] - 1, KNOTS, device=values.device)
-    before = place.long().clamp(max=values.shape[1] - 2)
-    return torch.lerp(values[:, before], values[:, before + 1], (place - before)[:, None])
 
 
 def _between(

@@ -53,7 +53,7 @@ def blur_gradient(
     return _BlurGradient.apply(texture, sigma)
 
 
-def gaussian_blur(image: Float[Tensor, "height width channel"], sigma: float) -> Float[Tensor, "height width channel"]:
+def blur_texture(image: Float[Tensor, "height width channel"], sigma: float) -> Float[Tensor, "height width channel"]:
     """Blur by a Gaussian of `sigma` texels, mirrored at the border; the sum of all texels is preserved."""
     height, width, _ = image.shape
     for axis, count in ((0, height), (1, width)):
@@ -72,7 +72,7 @@ class _BlurGradient(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
-        return gaussian_blur(gradients[0], ctx.sigma), None
+        return blur_texture(gradients[0], ctx.sigma), None
 
 
 @functools.lru_cache(maxsize=64)

@@ -9,7 +9,13 @@ import torch
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
-from neural_strands.geometry.resample import resample, resample_polyline_lengths, resample_ragged, resample_strands
+from neural_strands.geometry.resample import (
+    interpolate_evenly,
+    resample,
+    resample_polyline_lengths,
+    resample_ragged,
+    resample_strands,
+)
 from neural_strands.geometry.spline import fit_splines
 from neural_strands.geometry.strands import Strands
 
@@ -175,3 +181,15 @@ def test_a_gradient_goes_to_the_points_but_not_through_t(generator: torch.Genera
     found.points.sum().backward()
     assert points.grad is not None
     assert points.grad.abs().sum() > 0
+
+
+@pytest.mark.parametrize(("points", "count"), [(2, 5), (9, 9), (9, 31), (12, 4)])
+def test_even_interpolation_agrees_with_numpy(points: int, count: int, generator: torch.Generator):
+    values = torch.randn(6, points, 3, generator=generator)
+    found = interpolate_evenly(values, count)
+    places = np.linspace(0, points - 1, count)
+    for strand in range(6):
+        for channel in range(3):
+            expected = np.interp(places, np.arange(points), values[strand, :, channel])
+            np.testing.assert_allclose(found[strand, :, channel], expected, atol=1e-5)
+    assert torch.equal(interpolate_evenly(values[..., 0], count), found[..., 0])
