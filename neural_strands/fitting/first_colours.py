@@ -104,11 +104,11 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
         hair, light = _hair(model, strands, target), to_linear(target.image)
         body = model.body(target.camera)
         shown = (body.colour, model.background(target.camera))
-        teaches = surround_weights(target, hair)
-        if teaches is None:
+        surround = surround_weights(target, hair)
+        if surround is None:
             shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         else:
-            shares = (teaches.body * (1 - hair), teaches.background)
+            shares = (surround.body * (1 - hair), surround.background)
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
                 total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]

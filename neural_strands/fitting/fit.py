@@ -212,8 +212,7 @@ def _image_part(
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
         blur = appearance_blur_width(state.step, config.steps, config.schedule)
-        teaches = surround_weights(target)
-        output = model.render(strands, target.camera, blur, teaches=teaches)
+        output = model.render(strands, target.camera, blur, gradient_weights=surround_weights(target))
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)

@@ -12,10 +12,11 @@ BESIDE = 0.1
 
 
 def surround_weights(view: View, hair: Float[Tensor, "height width"] | None = None) -> SurroundWeights | None:
-    """Weights with which each pixel teaches body and background; None for a view without a person mask.
+    """Weight of each pixel in learning body and background; None for a view without a person mask.
 
-    Pixels of neither hair nor person teach the background; body colours learn nothing where the mesh extends beyond
-    both. Pixels of hair also teach the body behind them: skin that stayed bright there would shine through the hair.
+    The background learns from pixels of neither hair nor person; body colours learn nothing where the mesh extends
+    beyond both. The body also learns from the pixels of hair in front of it: skin that stayed bright there would shine
+    through the hair.
 
     Args:
         view: a photograph with its masks.

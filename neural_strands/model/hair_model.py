@@ -216,7 +216,7 @@ class HairModel(nn.Module):
         camera: Camera,
         blur: float = 0.0,
         volume: HairVolume | None = None,
-        teaches: SurroundWeights | None = None,
+        gradient_weights: SurroundWeights | None = None,
         light: LightChange | None = None,
     ) -> RenderOutput:
         """Render strands from one view.
@@ -227,8 +227,8 @@ class HairModel(nn.Module):
             blur: standard deviation, in texels, of the blur applied to the gradient of Z_a.
             volume: `hair_volume` of the strands, if the caller has it already; saves time when they are rendered
                 repeatedly.
-            teaches: weights of the gradients that body and background receive; by default the body receives all of
-                them, and the background those of pixels with almost no hair.
+            gradient_weights: weights of the gradients that body and background receive; by default the body receives
+                all of them, and the background those of pixels with almost no hair.
             light: how the light differs from that in which the appearance was fitted.
 
         Raises:
@@ -236,7 +236,7 @@ class HairModel(nn.Module):
         """
         factor = self.config.supersample
         # Computed before the camera moves to the device, so that the host need not wait for it.
-        turn = self.turn(camera)
+        turn = self.rotation_to_seen(camera)
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
         body = self.body(camera, drawing.body, None if light is None else light.skin)
@@ -245,12 +245,12 @@ class HairModel(nn.Module):
         alpha = alpha[..., 0]
         share = area_mean(body.coverage[..., None], factor)
         skin, background = area_mean(body.colour, factor), self.background(camera)
-        if teaches is None:
+        if gradient_weights is None:
             # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
             background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
         else:
-            skin = weighted_gradient(skin, teaches.body)
-            background = weighted_gradient(background, teaches.background)
+            skin = weighted_gradient(skin, gradient_weights.body)
+            background = weighted_gradient(background, gradient_weights.background)
         behind = skin + (1 - share) * background
         rgb = to_srgb(compose(hair, alpha, behind))
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
@@ -317,7 +317,7 @@ class HairModel(nn.Module):
         Args:
             maps: the splatted maps of all levels, finest first.
             camera: the view.
-            turn: `self.turn(camera)`.
+            turn: `self.rotation_to_seen(camera)`.
         """
         # Channels-last memory is the fastest layout for convolutions.
         pyramid = [
@@ -343,7 +343,7 @@ class HairModel(nn.Module):
         rays = camera.rays(centres)
         return rays if turn is None else rays @ turn.T, share.clamp(max=1.0)[..., None]
 
-    def turn(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
+    def rotation_to_seen(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
         """Rotation of the directions that networks see, for a camera far from all photographs; None near them."""
         turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
         return None if turn is None else turn.to(self.root_uv)

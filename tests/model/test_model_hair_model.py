@@ -259,12 +259,12 @@ def test_the_background_learns_only_beside_the_hair():
 
 def test_body_and_background_learn_where_they_are_told_to(generator):
     hair, camera = model(supersample=1), view((96, 80))
-    teaches = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
-    plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, teaches=teaches)
+    weights = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
+    plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, gradient_weights=weights)
     assert torch.equal(output.rgb, plain.rgb)
     alpha, body = output.alpha.detach()[..., None], hair.body(camera)
-    bare = (1 - body.coverage[..., None]) * teaches.background[..., None]
-    shown = hair.background(camera) * bare + body.colour * teaches.body[..., None]
+    bare = (1 - body.coverage[..., None]) * weights.background[..., None]
+    shown = hair.background(camera) * bare + body.colour * weights.body[..., None]
     learned = [hair.background.colour, hair.body.colour]
     found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
     expected = torch.autograd.grad((shown * (1 - alpha)).sum(), learned)
