@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_face import arc, face_points, images_of
 
-from neural_strands.preparation.face.scale import ScaleCue, combine, face_cues, landmark_distance
+from neural_strands.preparation.face.scale import Scale, ScaleCue, combine, face_cues, landmark_distance
 from neural_strands.preparation.face.topology import LEFT_IRIS, NAMED, RIGHT_IRIS
 from neural_strands.preparation.face.triangulate import triangulate_face
 
@@ -29,6 +29,14 @@ def test_the_scale_goes_with_the_unit():
     assert combine(larger).metres_per_unit == pytest.approx(10 * combine(cues).metres_per_unit)
     with pytest.raises(ValueError, match="at least one"):
         combine([])
+
+
+def test_sentences_state_the_error_that_remains():
+    estimated = combine([ScaleCue("a", 0.065, 0.05)]).sentence()
+    assert "65.0 mm per unit of the cameras, ± 5.6 % (a 65.0 ± 5 %)" in estimated
+    # The distance of the pupils is known, but not exactly where they are; a unit that the user gives has no error.
+    assert Scale(0.4, 0.008).sentence() == "Scale as given: 400.00 mm per unit of the cameras, ± 0.8 %."
+    assert Scale(0.4, 0.0).sentence() == "Scale as given: 400.00 mm per unit of the cameras."
 
 
 def test_a_mean_face_in_metres_has_scale_one():

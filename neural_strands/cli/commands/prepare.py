@@ -39,7 +39,8 @@ class Prepare(HeadOptions):
     scale: float | None = None
     """Metres in one unit of the cameras, if known."""
     pupil_distance: float | None = None
-    """Distance between the person's pupils, millimetres, as on a prescription for glasses: makes the scale exact."""
+    """Distance between the person's pupils, millimetres, as on a prescription for glasses: removes most of the scale's
+    error, which is otherwise about 3%."""
     longest_side: int = 2048
     """Larger photographs are reduced to this many pixels along the longer side."""
     frames: int = 80

@@ -72,11 +72,12 @@ class Scale:
     def sentence(self) -> str:
         """A sentence for the user about the scale and its cues."""
         if not self.cues:
-            return f"Scale as given: {1000 * self.metres_per_unit:.2f} mm per unit of the cameras."
+            error = f", ± {100 * self.error:.1f} %" if self.error else ""
+            return f"Scale as given: {1000 * self.metres_per_unit:.2f} mm per unit of the cameras{error}."
         cues = ", ".join(f"{cue.name} {1000 * cue.metres_per_unit:.1f} ± {100 * cue.error:.0f} %" for cue in self.cues)
         return (
             f"Scale: {1000 * self.metres_per_unit:.1f} mm per unit of the cameras, ± {100 * self.error:.1f} % "
-            f"({cues}); --pupil-distance with a measured length makes it exact."
+            f"({cues}); --pupil-distance with a measured length removes most of this error."
         )
 
 
