@@ -33,7 +33,7 @@ from neural_strands.evaluation.oriented_points import sample_strands
 from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import begin, fit_prior
 from neural_strands.fitting.fit import fit
-from neural_strands.fitting.fit_data import FitData, head_distance
+from neural_strands.fitting.fit_data import FitData, head_distance_grid
 from neural_strands.fitting.losses import OrientedTargets
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import track
@@ -226,7 +226,7 @@ def score(name: str, given: Input, truth: Float[Tensor, "strand point 3"], confi
     segments = orient_segments(segments, mesh, given.head.scalp_faces, [], config.growth)
     grid = PointGrid.build(segments.points, config.chamfer.surface_radius / 2)
     targets = OrientedTargets(segments.points, segments.directions, grid)
-    data = FitData(views, given.head, segments, targets, head_distance(mesh))
+    data = FitData(views, given.head, segments, targets, head_distance_grid(mesh))
     state = begin(data, fit_prior(None, torch.device("cpu")), config)
     true = sample_strands(truth)
     figures = []

@@ -27,7 +27,7 @@ from neural_strands.prior.refine import refine_latents
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, paper_preset
-from neural_strands.prior_training.curve_stream import seeded
+from neural_strands.prior_training.curve_stream import keyed_generator
 from neural_strands.prior_training.losses import kl_divergence
 from neural_strands.prior_training.train_prior import train_prior
 
@@ -117,7 +117,7 @@ def figures(prior: StrandPrior, data: dict[str, Tensor], held_out: Tensor) -> di
     }
     for name, strands in data.items():
         errors[name] = reconstruction_error(prior.decode(prior.encode(strands)), strands)
-    samples = prior.decode(torch.randn(SAMPLES, latent.shape[1], generator=seeded(0, 7)))
+    samples = prior.decode(torch.randn(SAMPLES, latent.shape[1], generator=keyed_generator(0, 7)))
     return {
         "errors": {name: asdict(error) for name, error in errors.items()},
         "kl_nats": float(kl_divergence(mean, log_std)),
@@ -176,7 +176,7 @@ def main(arguments: Arguments) -> None:
     if unknown := set(arguments.only) - set(chosen):
         raise SystemExit(f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}")
     data: dict[str, Tensor] = {}
-    held_out = synthetic_curves(HELD_OUT, seeded(0, 6), points=FINE)
+    held_out = synthetic_curves(HELD_OUT, keyed_generator(0, 6), points=FINE)
     finished = {name: arguments.out / f"{file_name(name)}.json" for name in chosen}
     results = {name: json.loads(path.read_text()) for name, path in finished.items() if path.is_file()}
     for name, config in chosen.items():

@@ -52,7 +52,7 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     state.step = content["step"]
 
 
-def load_model(path: Path, config: HairModelConfig, generator: StrandGenerator) -> HairModel:
+def load_checkpoint_model(path: Path, config: HairModelConfig, generator: StrandGenerator) -> HairModel:
     """Read only the hair model from a checkpoint, to look at it while the fit is running.
 
     Args:

@@ -54,7 +54,7 @@ class FitData:
         return rasterise_lines(self.segments.lines(), target.camera).segment >= 0
 
 
-def head_distance(head: Mesh) -> SignedDistanceGrid:
+def head_distance_grid(head: Mesh) -> SignedDistanceGrid:
     """Sample the signed distance to the head on a grid, as accurately as a fit needs it."""
     return SignedDistanceGrid.build(head, exact_within=EXACT_WITHIN)
 
@@ -89,7 +89,7 @@ def gather_fit_data(
         head=head,
         segments=segments,
         targets=OrientedTargets(segments.points, segments.directions, grid),
-        distance=head_distance(head.mesh) if distance is None else distance,
+        distance=head_distance_grid(head.mesh) if distance is None else distance,
     )
 
 

@@ -15,7 +15,7 @@ SHOWN = 4
 """Number of views shown."""
 
 
-def write_report(views: Views, head: Mesh | None, segments: LineSegments, out: Path) -> None:
+def write_pictures(views: Views, head: Mesh | None, segments: LineSegments, out: Path) -> None:
     """Write pictures to `out / "report"`: orientation, depth, and segments over the photograph.
 
     Args:

@@ -92,7 +92,7 @@ LEAST: dict[str, float] = {
 """Smallest values of options that have no other bound."""
 
 
-def check_config(config: TrainPriorConfig) -> None:
+def check_prior_config(config: TrainPriorConfig) -> None:
     """Reject settings that cannot be trained.
 
     Raises:

@@ -43,7 +43,7 @@ class CurveStream:
 
     def draw(self, count: int, *key: int) -> Float[Tensor, "{count} point 3"]:
         """Draw curves that depend only on the seed and `key`."""
-        generator = seeded(self.seed, *key)
+        generator = keyed_generator(self.seed, *key)
         parts = [min(PART, count - start) for start in range(0, count, PART)]
         curves = torch.cat([synthetic_curves(part, generator, self.config) for part in parts])
         if self.own is not None and len(self.own):
@@ -56,7 +56,7 @@ class CurveStream:
         """A batch for this step, and the result of `prepare` for it."""
         newest = step // self.steps_a_chunk
         chunks = [self._chunk(index) for index in range(max(0, newest - KEPT + 1), newest + 1)]
-        generator = seeded(self.seed, 1, step)
+        generator = keyed_generator(self.seed, 1, step)
         index = torch.randint(len(chunks) * CHUNK, (size,), generator=generator)
         curves = torch.stack([chunks[i // CHUNK][0][i % CHUNK] for i in index.tolist()])
         prepared = torch.stack([chunks[i // CHUNK][1][i % CHUNK] for i in index.tolist()])
@@ -72,7 +72,7 @@ class CurveStream:
         return kept[index]
 
 
-def seeded(seed: int, *key: int) -> torch.Generator:
+def keyed_generator(seed: int, *key: int) -> torch.Generator:
     """A generator for each seed and key."""
     mixed = seed
     for number in key:

@@ -28,8 +28,8 @@ from neural_strands.prior.analysis import analyse
 from neural_strands.prior.curves import CurveConfig, synthetic_curves
 from neural_strands.prior.vae import StrandPrior, save_prior
 from neural_strands.prior.whiten import start_from_curves, white_from_curves
-from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, check_config
-from neural_strands.prior_training.curve_stream import CurveStream, seeded
+from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, check_prior_config
+from neural_strands.prior_training.curve_stream import CurveStream, keyed_generator
 from neural_strands.prior_training.losses import (
     absolute_loss,
     gaussian_likelihood,
@@ -82,10 +82,10 @@ def train_prior(
         InputError: the configuration is impossible, there is nothing to resume, the checkpoint has another
             configuration or seed, or a loss is not finite.
     """
-    check_config(config)
+    check_prior_config(config)
     began = time.monotonic()
     described = json.dumps({"config": asdict(config), "seed": seed}, sort_keys=True)
-    weights = seeded(seed, 2)
+    weights = keyed_generator(seed, 2)
     prior = _initialised(config, weights).to(device)
     stream = CurveStream(seed, config.curves, own, config.own_share, config.steps_a_chunk, lambda curves: curves[:, :0])
     held_out = held_out_curves(seed, config.curves).to(device)
@@ -122,7 +122,7 @@ def train_prior(
 
 def held_out_curves(seed: int, config: CurveConfig) -> Float[Tensor, "strand 100 3"]:
     """Synthetic curves that a run with this seed never trains on."""
-    return synthetic_curves(HELD_OUT, seeded(seed, 3), config)
+    return synthetic_curves(HELD_OUT, keyed_generator(seed, 3), config)
 
 
 @torch.no_grad()
@@ -153,7 +153,7 @@ def _steps(
     while run.step < config.steps:
         curves, raw = stream.batch(run.step, config.batch)
         noise_size = min(NOISY, config.batch) if closed else config.batch
-        noise = torch.randn(noise_size, config.generator.latent, generator=seeded(stream.seed, 5, run.step))
+        noise = torch.randn(noise_size, config.generator.latent, generator=keyed_generator(stream.seed, 5, run.step))
         losses = _vae_losses(prior, curves[:noise_size].to(device), noise.to(device), config.loss)
         if closed:
             losses["likelihood"] = gaussian_likelihood(*prior.generator.latent(raw))

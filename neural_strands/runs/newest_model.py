@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from neural_strands.fitting.checkpoint import load_model
+from neural_strands.fitting.checkpoint import load_checkpoint_model
 from neural_strands.fitting.first_model import fit_prior
 from neural_strands.foundation.errors import InputError
 from neural_strands.model.files import WEIGHTS_NAME, load_hair_model
@@ -55,4 +55,4 @@ def load_newest_model(folder: RunFolder, state: StateFile, device: torch.device)
             f"{folder.path}: expected the strand prior that comes with the package, found a run with another one; "
             "wait until the fit has ended and written its model."
         )
-    return load_model(folder.checkpoint, described.config.model, prior.generator).to(device)
+    return load_checkpoint_model(folder.checkpoint, described.config.model, prior.generator).to(device)

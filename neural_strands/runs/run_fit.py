@@ -16,7 +16,7 @@ from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
 from neural_strands.fitting.first_model import begin, fit_prior
 from neural_strands.fitting.fit import FitState, fit
-from neural_strands.fitting.fit_data import FitData, check_inputs, check_views, gather_fit_data, head_distance
+from neural_strands.fitting.fit_data import FitData, check_inputs, check_views, gather_fit_data, head_distance_grid
 from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.perceptual import perceptual_loss
 from neural_strands.fitting.stereo import check_source, find_segments, segments_source
@@ -161,7 +161,7 @@ def prepare_run(
         if warning := check_source(request.segments, source, capture, config.hold_out_every):
             feedback.say(warning)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
-    distance = None if resuming else head_distance(head.mesh.to(device))
+    distance = None if resuming else head_distance_grid(head.mesh.to(device))
     if distance is not None:
         cost = forecast(capture, head, prior, config, perceptual, device, given, distance)
         if request.minutes is not None:

@@ -54,7 +54,7 @@ def grow(
         direction, above, outward = _lifted(point, direction, step, height, grid)
         point = point + step * direction
         points.append(point)
-    return cut(torch.stack(points, dim=1), _tip_level(roots, style, generator))
+    return cut_at_height(torch.stack(points, dim=1), _tip_level(roots, style, generator))
 
 
 def strand_lengths(
@@ -66,7 +66,7 @@ def strand_lengths(
     return style.length * share * (1 + style.length_variation * noise.clamp(-2.5, 2.5))
 
 
-def cut(
+def cut_at_height(
     points: Float[Tensor, "strand point 3"], level: Float[Tensor, " strand"] | None
 ) -> Float[Tensor, "strand point 3"]:
     """End strands where they first sink below a height given per strand (metres); the number of points stays."""

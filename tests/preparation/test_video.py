@@ -8,7 +8,7 @@ import pytest
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.photographs.folder import read_list, read_picture
-from neural_strands.preparation.photographs.video import import_video, is_video, sharpness
+from neural_strands.preparation.photographs.video import import_video, is_video, frame_sharpness
 
 
 def frame(number: int, blurred: bool) -> np.ndarray:
@@ -43,7 +43,7 @@ def test_large_frames_shrink(tmp_path: Path):
 
 
 def test_blur_is_less_sharp():
-    assert sharpness(frame(1, False)) > 2 * sharpness(frame(1, True))
+    assert frame_sharpness(frame(1, False)) > 2 * frame_sharpness(frame(1, True))
 
 
 def test_a_video_that_does_not_decode_is_one_sentence(tmp_path: Path):

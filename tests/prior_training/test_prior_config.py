@@ -9,16 +9,16 @@ from neural_strands.prior.curves import CurveConfig
 from neural_strands.prior.encoder import EncoderConfig
 from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
-from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, check_config, paper_preset
+from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, check_prior_config, paper_preset
 
 
 @pytest.mark.parametrize("config", [TrainPriorConfig(), paper_preset(TrainPriorConfig())], ids=["default", "paper"])
 def test_the_presets_pass(config: TrainPriorConfig) -> None:
-    check_config(config)
+    check_prior_config(config)
 
 
 def test_latents_are_free_where_nothing_is_in_closed_form() -> None:
-    check_config(paper_preset(TrainPriorConfig(generator=GeneratorConfig(latent=32))))
+    check_prior_config(paper_preset(TrainPriorConfig(generator=GeneratorConfig(latent=32))))
 
 
 @pytest.mark.parametrize(
@@ -61,5 +61,5 @@ def test_latents_are_free_where_nothing_is_in_closed_form() -> None:
 )
 def test_what_cannot_be_trained_is_named(changed: dict, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        check_config(replace(TrainPriorConfig(), **changed))
+        check_prior_config(replace(TrainPriorConfig(), **changed))
     assert str(caught.value) == message

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from neural_strands.editing.settings import Haircut
-from neural_strands.fitting.checkpoint import load_model
+from neural_strands.fitting.checkpoint import load_checkpoint_model
 from neural_strands.fitting.first_model import fit_prior
 from neural_strands.foundation.errors import InputError
 from neural_strands.model.files import load_hair_model
@@ -71,10 +71,10 @@ def test_a_damaged_checkpoint_is_one_sentence(run):
     torch.save({"model": {"root_position": torch.zeros(3, 3)}}, run.checkpoint)
     config = read_description(run).config.model
     with pytest.raises(InputError, match="expected a complete hair model"):
-        load_model(run.checkpoint, config, fit_prior(None, CPU).generator)
+        load_checkpoint_model(run.checkpoint, config, fit_prior(None, CPU).generator)
     torch.save([1, 2], run.checkpoint)
     with pytest.raises(InputError, match="found no hair model"):
-        load_model(run.checkpoint, config, fit_prior(None, CPU).generator)
+        load_checkpoint_model(run.checkpoint, config, fit_prior(None, CPU).generator)
 
 
 def test_a_page_shows_each_new_state_with_the_edits_made_so_far(run, serve):

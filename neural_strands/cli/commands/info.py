@@ -73,12 +73,12 @@ def summary(groom: "Groom") -> dict[str, Any]:
         "length_median": float(lengths.quantile(0.5)),
         "length_max": float(lengths.max()),
         "attributes": [name for name in ATTRIBUTES if getattr(groom, name) is not None],
-        "unit_guess": guess_unit(span),
+        "unit_guess": unit_name(span),
         "metres_per_unit_guess": metres if math.isfinite(metres) else None,
     }
 
 
-def guess_unit(root_span: float) -> str:
+def unit_name(root_span: float) -> str:
     """Name the unit in which roots that span `root_span` would cover a head, or "unknown"."""
     if root_span <= 0:
         return "unknown"

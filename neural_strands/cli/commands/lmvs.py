@@ -68,7 +68,7 @@ class Lmvs:
         from neural_strands.lmvs.files import SegmentsSource, save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
-        from neural_strands.lmvs.report import write_report
+        from neural_strands.lmvs.report import write_pictures
         from neural_strands.lmvs.strokes import lift_stroke, read_strokes
 
         if not 0 < math.hypot(*self.up) < math.inf:
@@ -99,7 +99,7 @@ class Lmvs:
         source = SegmentsSource(tuple(camera.name for camera in capture.cameras), settings)
         for suffix in ("npz", "ply"):
             save_segments(self.out / f"segments.{suffix}", segments, source)
-        write_report(views, head, segments, self.out)
+        write_pictures(views, head, segments, self.out)
         result = {
             "points": len(segments),
             "segments": segments.segment_count,

@@ -48,8 +48,8 @@ class View:
             server.gui.set_panel_label(f"{doing} {self.path.name} …")
             port = server.get_port()
             if self.port not in (0, port):
-                say(f"port {self.port} is in use; taking {port}")
-            say(f"open http://{self.host}:{port} in a browser; Ctrl-C ends this")
+                announce(f"port {self.port} is in use; taking {port}")
+            announce(f"open http://{self.host}:{port} in a browser; Ctrl-C ends this")
             self._serve(server)
         finally:
             stop_server(server)
@@ -67,10 +67,10 @@ class View:
             finally:
                 served.close()
         except KeyboardInterrupt:
-            say("the page is closed")
+            announce("the page is closed")
 
 
-def say(sentence: str) -> None:
+def announce(sentence: str) -> None:
     """Report one sentence on standard output, at once."""
     sys.stdout.write(f"{sentence}\n")
     sys.stdout.flush()

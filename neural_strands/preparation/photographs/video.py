@@ -44,7 +44,7 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
             if not there:
                 break
             stretch = number * frames // expected
-            sharp = sharpness(frame)
+            sharp = frame_sharpness(frame)
             if stretch not in best or sharp > best[stretch][0]:
                 best[stretch] = (sharp, number, _small(frame, longest_side))
             number += 1
@@ -66,7 +66,7 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
     return photographs
 
 
-def sharpness(frame: np.ndarray) -> float:
+def frame_sharpness(frame: np.ndarray) -> float:
     """Sharpness of a picture (height, width, 3): the variance of its Laplacian after it is reduced to `JUDGED_SIDE`."""
     grey = cv2.cvtColor(_small(frame, JUDGED_SIDE), cv2.COLOR_BGR2GRAY)
     return float(cv2.Laplacian(grey, cv2.CV_32F).var())
