@@ -21,7 +21,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files of the longest tests: a worker that began the longest last would end alone."""
+    """Begin with the files of the longest tests: one that begins last would end alone."""
     longest: dict[Path, float] = {}
     for item in items:
         for mark in item.iter_markers("slow"):
@@ -31,7 +31,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(params=["cpu", "emulated", pytest.param("cuda", marks=pytest.mark.gpu)])
 def device(request: pytest.FixtureRequest) -> torch.device:
-    """Each device that a test should hold on."""
+    """Each device on which a test should pass."""
     return torch.device("cpu") if request.param == "cpu" else request.getfixturevalue(request.param)
 
 

@@ -1,4 +1,4 @@
-"""Every reader under damage, for a moment; `benchmarks/fuzz.py` does the same for hours."""
+"""Every reader gets a few damaged files; `benchmarks/fuzz.py` does the same for hours."""
 
 import time
 import zipfile
@@ -90,7 +90,7 @@ def test_damage_repeats_and_differs(corpus: Path):
 
 
 def test_containers_stay_whole_around_the_damage(corpus: Path, tmp_path: Path):
-    """Most damaged archives still open: the damage is within."""
+    """Most damaged archives still open, because the damage is inside them."""
     path, opened = tmp_path / "a.npz", 0
     for seed in range(60):
         path.write_bytes(mutated(Random(seed), (corpus / "segments.npz").read_bytes()))

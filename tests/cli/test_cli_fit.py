@@ -109,7 +109,7 @@ def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
     changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
     for path in changed:
         kept = path.read_bytes()
-        # Of the same size: one bit of the picture's check sum, one digit of a vertex.
+        # The files keep their sizes: one bit of the picture's checksum changes, and one digit of a vertex.
         place = -1 if path.suffix == ".png" else kept.index(b".", kept.index(b"\nv ")) + 3
         path.write_bytes(kept[:place] + bytes([kept[place] ^ 1]) + kept[place:][1:])
         assert main(fit_arguments(tiny, "--resume")) == 2, path
@@ -207,7 +207,7 @@ def test_segments_made_with_held_out_views_leave_no_run_and_unnamed_views_are_wa
 
 
 def test_damaged_segments_leave_no_run(tiny, capsys):
-    """NaN in one point of given segments, and files that numpy's reader stumbles over in its own ways."""
+    """NaN in one point of given segments, and files on which numpy's reader fails with various exceptions."""
     path = tiny / "segments.npz"
     whole = load_segments(path)
     points = whole.points.clone()

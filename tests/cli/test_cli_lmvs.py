@@ -17,7 +17,7 @@ from neural_strands.lmvs.reconstruct import LmvsConfig
 
 @pytest.fixture
 def ball(tmp_path: Path) -> Path:
-    """A ball with combed hair, seen from all round."""
+    """A ball with combed hair, seen from all around."""
     write_capture(tmp_path / "ball", views=16)
     return tmp_path / "ball"
 
@@ -45,7 +45,7 @@ def test_segments_pictures_and_a_restart_that_computes_no_view_again(ball, tmp_p
     assert stamps(out) == before
     again = load_segments(out / "segments.npz")
     assert torch.equal(again.points, found.points)
-    # A view that was lost is computed again, to the same bits.
+    # A view whose result is missing is computed again, to the same bits.
     lost = next((out / "work").glob("lines_0003_*.npz"))
     content = {name: value.copy() for name, value in np.load(lost).items()}
     lost.unlink()

@@ -102,7 +102,7 @@ def edited_groom(groom: Path, folder: Path, what: str) -> Path:
         strands[3, 7, 1] = np.nan
     elif what == "long":
         strands[4] = strands[4, :1] + np.linspace([0, 0, 0], [0, -25, 0], 100)
-    # Told from the writer by numpy alone: our own would refuse some of these.
+    # Written with numpy alone, because our own writer would refuse some of these.
     np.savez(folder / "bad.npz", points=strands)
     return folder / "bad.npz"
 

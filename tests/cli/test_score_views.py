@@ -106,7 +106,7 @@ def test_the_table_says_what_was_trained_on(ball, capsys):
 
 
 def test_our_own_renderings_score_as_evaluate_says(ball, capsys, monkeypatch):
-    """But for the rounding to 8 bits; the capture's own cameras are those of its transforms.json."""
+    """Except for the rounding to 8 bits; the capture's own cameras are those of its transforms.json."""
     save_segments(ball / "segments.npz", true_segments(write_capture(ball / "again")))
     monkeypatch.setattr(fit_config, "preset", lambda _: replace(tiny_config(), steps=8))
     run = ball / "run"

@@ -72,7 +72,7 @@ def test_two_processes_agree_with_one(tmp_path):
         assert process.returncode == 0, errors.decode()[-2000:]
     one, two = torch.load(tmp_path / "one.pt"), torch.load(tmp_path / "two.pt")
     torch.testing.assert_close(two["drawn"], one["drawn"], atol=2e-4, rtol=0)
-    # Gradients of the last step, which saw two views: Adam would blow rounding up to whole steps in the weights.
+    # Gradients of the last step, which saw two views: in the weights, Adam would amplify rounding to whole steps.
     assert float(one["appearance"].abs().max()) > 0
     for name, gradient in one.items():
         assert (two[name] - gradient).norm() < 1e-3 * gradient.norm(), name

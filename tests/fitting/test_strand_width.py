@@ -36,7 +36,7 @@ def matted(strands, lines, factor=10):
 @pytest.mark.parametrize("tip", [0.0, 0.4])
 @pytest.mark.parametrize("width", [WIDTHS[2], WIDTHS[5]])
 def test_the_width_of_the_masks_is_found(generator, width, tip):
-    """Sparse strands, a few hairs wide: their mattes say how wide."""
+    """Sparse strands, a few hairs wide: their mattes determine how wide they are."""
     start = torch.randn(150, 1, 3, generator=generator) * 0.05
     strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]
     lines = LineConfig(width=width, tip=tip)
@@ -54,7 +54,7 @@ def test_without_masks_strands_stay_as_they_are_drawn(generator):
 
 
 def test_lines_one_pixel_wide_stay_where_masks_are_made_of_them(generator):
-    """Few strands in coarse pictures stand for many hairs: no width of a hair covers as much."""
+    """In coarse pictures, few strands represent many hairs, which cover more than strands as wide as a hair can."""
     model = hair_model()
     start = torch.randn(150, 1, 3, generator=generator) * 0.05
     strands = start + (torch.randn(150, 1, 3, generator=generator) * 0.08) * torch.linspace(0, 1, 30)[:, None]

@@ -1,4 +1,4 @@
-"""Person masks determine which pixels teach body and background: by hand, in closed form, and over a tiny fit."""
+"""Person masks determine where body and background learn from: by hand, in closed form, and over a tiny fit."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def view() -> View:
     return View(camera, torch.zeros(1, 4, 3), hair, person)
 
 
-def test_hair_and_person_teach_the_body_and_what_is_neither_the_background(view):
+def test_the_body_learns_from_hair_and_person_and_the_background_from_the_rest(view):
     found = surround_weights(view)
     assert found is not None
     torch.testing.assert_close(found.body, torch.tensor([[1.0, 0.9, 1.0, 0.05]]))

@@ -16,7 +16,7 @@ def segments_at(points, directions):
 
 
 def test_directions_between_two_walls_solve_laplace():
-    # Two walls of fixed directions at x = 0 and x = 6 voxels; between them the mean of neighbours is linear in x.
+    # Directions are fixed on two walls at x = 0 and x = 6 voxels; between them, the mean of neighbours is linear in x.
     grid = VoxelGrid((0.5, 0.5, 0.5), 1.0, (7, 3, 3))
     centres = grid.nodes()
     walls = torch.cat([centres[0].reshape(-1, 3), centres[-1].reshape(-1, 3)])

@@ -49,7 +49,7 @@ def test_outside_the_hair_a_strand_still_has_its_shortest_length():
 
 
 def test_a_strand_that_leaves_the_grid_ends():
-    # Hair up to the border on every side: the grid's end is the hair's.
+    # Hair reaches the border on every side, so it ends where the grid ends.
     grid = VoxelGrid((0.005, 0.005, 0.005), 0.01, (10, 10, 10))
     behind = torch.tensor([0.0, 0.0, -1.0]).expand(*grid.shape, 3)
     field = FlowField(grid, behind, torch.ones(grid.shape, dtype=torch.bool))

@@ -58,7 +58,7 @@ def three() -> Path:
 
 
 class Silent(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder and does not say so."""
+    """Serves a folder without logging."""
 
     def log_message(self, format: str, *args: object) -> None:
         """Nothing."""

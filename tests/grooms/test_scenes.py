@@ -81,7 +81,7 @@ def test_usd_holds_guides_and_a_sample_per_frame(scene, tmp_path, suffix):
         assert np.allclose(np.array(points.Get(frame)), scene.strands.vertices + 0.01 * frame, atol=1e-6)
     guides = geometry.BasisCurves(stage.GetPrimAtPath("/hair/guides"))
     assert guides.GetPurposeAttr().Get() == "guide"
-    # Read as a groom, the guides are not added to the strands that they stand for.
+    # When it is read as a groom, the guides are not added to the strands that they represent.
     again = read_groom(path)
     assert torch.equal(again.offsets, scene.strands.offsets)
     assert torch.allclose(again.vertices, scene.strands.vertices, atol=1e-6)
@@ -166,7 +166,7 @@ def test_alembic_holds_what_unreal_reads(scene, tmp_path):
 @pytest.mark.parametrize("written_by", ["alembic3d", "blender"])
 @pytest.mark.parametrize("suffix", [".abc", ".usd"])
 def test_blender_opens_what_is_written(scene, tmp_path, suffix, written_by):
-    """Both come up standing in Blender, where z is up: (x, y, z) is at (x, -z, y)."""
+    """Both are upright in Blender, where z is up: (x, y, z) is at (x, -z, y)."""
     python = os.environ.get(REAL_BLENDER)
     if python is None:
         pytest.skip(f"{REAL_BLENDER} names no Python with bpy")

@@ -55,7 +55,7 @@ def test_directions_that_all_views_see_are_found(generator: torch.Generator):
             launches.array(found, wp.vec3),
         ]
         launches.launch_split(patchmatch_kernels.look, 1, inputs, "cpu")
-        # A little weight pulls the line across the ray: a few degrees at most.
+        # A small weight pulls the line across the ray, by a few degrees at most.
         assert abs(float(found[0] @ line)) > math.cos(math.radians(4))
 
 

@@ -1,4 +1,4 @@
-"""Values that spread over a mesh: against a dense least-squares solution, and what must hold for any."""
+"""Values extended over a mesh, compared with a dense least-squares solution, and what must hold for any values."""
 
 import pytest
 import torch
@@ -24,7 +24,7 @@ def test_values_are_the_smoothest_that_keep_to_what_is_known():
     mesh, random = patch(), torch.Generator().manual_seed(1)
     values = torch.rand(60, 2, generator=random)
     known = torch.rand(60, generator=random) * (torch.rand(60, generator=random) < 0.3)
-    # Least squares over rows of its own for every edge, every known value and the mean.
+    # Least squares with one row for every edge, every known value and the mean.
     rows, right = [], []
     mean = (known[:, None] * values).sum(dim=0) / known.sum()
     for first, second in edges(mesh):

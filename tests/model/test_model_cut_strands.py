@@ -25,7 +25,7 @@ AWAY = 8
 
 @pytest.fixture
 def model(generator) -> HairModel:
-    """Strands that thin over more than their farther half, four random colours along each, no body."""
+    """Strands that get thinner over more than their outer half, with four random colours along each, and no body."""
     place = torch.rand(STRANDS, 2, generator=generator)
     position = torch.stack([0.1 * place[:, 0] - 0.05, torch.zeros(STRANDS), 0.1 * place[:, 1] - 0.05], dim=1)
     config = HairModelConfig(
@@ -53,7 +53,7 @@ def hanging(model: HairModel, points: int) -> Strands:
 
 
 def halves(strands: Strands) -> Strands:
-    """The half of each strand nearer its root, its t kept, resampled to as many points as the whole has."""
+    """The half of each strand nearer its root, with its t, resampled to as many points as the whole strand has."""
     kept = strands.points_per_strand // 2 + 1
     half = replace(strands, points=strands.points[:, :kept], t=strands.parameters()[:, :kept])
     return resample(half, strands.points_per_strand)
@@ -94,7 +94,7 @@ def test_what_remains_of_cut_strands_looks_as_before(model, camera):
         assert difference.abs().max() < 2e-3, name
     for name, difference in differences(now, before, rows).items():
         assert difference.square().mean().sqrt() < 0.05, name
-    # Taken for whole strands, the halves would have the colours and the widths of tips.
+    # If they were taken for whole strands, the halves would have the colours and the widths of tips.
     assert differences(now, tips, rows)["rgb"].square().mean().sqrt() > 0.1
     assert differences(now, tips, rows)["alpha"].square().mean().sqrt() > 0.05
 

@@ -1,4 +1,4 @@
-"""Folders of hair models: what is not one is refused in one sentence, before anything large is built."""
+"""Folders of hair models: anything else is refused in one sentence, before anything large is built."""
 
 import json
 from pathlib import Path
@@ -107,7 +107,7 @@ def test_a_damaged_config(saved: Path, tmp_path: Path, edits: list):
         try:
             load_hair_model(path.parent)
         except InputError as error:
-            # Weights that do not fit are a fault of the folder.
+            # If weights have other shapes, the folder is at fault.
             raise InputError(str(error).replace(f"{folder}: ", f"{path}: ")) from error
 
     read_or_refuse(folder / "config.json", content, load, most=40_000_000)

@@ -1,4 +1,4 @@
-"""The whole model: shapes, gradients, crops, files, and inputs that see nothing."""
+"""The whole model: shapes, gradients, crops, files, and views that show nothing."""
 
 import json
 import math

@@ -17,7 +17,7 @@ def block(spacing: float = 0.002, side: float = 0.12) -> torch.Tensor:
 
 
 def test_inside_a_block_density_is_strands_a_square_millimetre(generator):
-    """The mean about the middle: a lattice of 2 mm beats with the grid's cells."""
+    """The mean around the middle, because a lattice of 2 mm interferes with the grid's cells."""
     places = 0.06 + 0.03 * (torch.rand(500, 3, generator=generator) - 0.5)
     density = hair_volume(block()).at(places)[:, 3:].exp() - FAINT
     torch.testing.assert_close(density.mean(dim=0), torch.full((2,), 1 / 2.0**2), atol=0.0, rtol=0.03)
@@ -43,7 +43,7 @@ def test_the_rim_is_fainter_than_the_middle():
     middle, edge, outside = hair_volume(block()).at(
         torch.tensor([[0.06, 0.06, 0.06], [0.06, 0.0, 0.06], [0.06, -0.03, 0.06]])
     )
-    # Half of a Gaussian about a point of the surface lies in the block.
+    # Half of a Gaussian around a point on the surface lies in the block.
     torch.testing.assert_close(edge[3:].exp() - FAINT, 0.5 * (middle[3:].exp() - FAINT), atol=0.03, rtol=0)
     assert (outside[3:] < edge[3:]).all()
     torch.testing.assert_close(edge[:3], torch.tensor([0.0, -1.0, 0.0]), atol=0.1, rtol=0)

@@ -100,7 +100,7 @@ def test_hair_that_is_thinned_or_cut_and_the_skin_beneath_are_lit_more():
     found = light.changed(thin, hair_volume(thin.points, lattice))
     assert float(found.strands.min()) > 1.0
     assert bool(((found.skin.factor > 1.0) & (found.skin.factor <= BRIGHTEST)).all())
-    # Half of every strand is left: t says which half appearance was learned on.
+    # Half of every strand is left; t tells on which half its appearance was learned.
     half = replace(strands, points=strands.points[:, :13], t=strands.parameters()[:, :13])
     cut = light.changed(half, hair_volume(half.points, lattice))
     assert float(cut.strands.min()) > 1.0
@@ -129,7 +129,7 @@ def test_skin_below_hair_that_is_cut_off_is_never_darker_than_before():
 
 def test_skin_that_hair_hid_takes_the_colour_of_the_skin_around_it():
     neck, strands, cut = curtain()
-    # The neck goes on below the hair, in a colour of its own; what hair hides was learned as anything.
+    # The neck continues below the hair, in another colour; behind hair, any colour may have been learned.
     bare = Mesh(torch.cat([neck.vertices, neck.vertices[-1:] + torch.tensor([[0.0, -0.3, 0.0]])]), neck.faces)
     bare = replace(bare, faces=torch.cat([bare.faces, torch.tensor([[7, 8, 9]])]))
     volume = hair_volume(strands.points)
@@ -141,9 +141,9 @@ def test_skin_that_hair_hid_takes_the_colour_of_the_skin_around_it():
     assert float(found.share[9]) == 0.0
     colours = torch.nn.functional.normalize(found.instead[hidden], dim=1)
     known = torch.nn.functional.normalize(light.bare[light.known > 0.01], dim=1)
-    # Each lies among the known ones, apart from how much light there is.
+    # Each colour lies between the known ones, except for the amount of light.
     assert float((colours @ known.T).amax(dim=1).min()) > 0.98
-    # More light reaches what the cut has laid open.
+    # More light reaches the skin that the cut has exposed.
     assert float(found.instead[8].sum()) > float((light.bare[8] * light.skin[8]).sum())
 
 

@@ -33,7 +33,7 @@ def test_edited_strands_take_the_place_of_its_own():
 
 
 def test_the_volume_is_that_of_the_strands_shown():
-    """Half the hair is shaved off: what remains is lit as hair that stands alone, not as it was."""
+    """When half the hair is shaved off, the rest is lit as hair that stands alone, not as it was before."""
     hair = model()
     renderer = HairRenderer.of(hair)
     shaved = renderer.showing(renderer.strands.select(torch.arange(0, len(renderer.strands), 2)))

@@ -82,7 +82,7 @@ def test_its_sum_in_closed_form(generator):
 
 
 def test_angles_of_a_fibre_in_known_places():
-    """A fibre along x, lit at 30 degrees to its normal plane; eyes set by inclination and azimuth from the light."""
+    """A fibre along x, lit at 30 degrees to its normal plane; the eyes' inclination and azimuth are given."""
     sine, cosine = 0.5, 3**0.5 / 2
     light = torch.tensor([[sine, 0.0, cosine]])
     mirrored = torch.tensor([-sine, 0.0, cosine])

@@ -1,4 +1,4 @@
-"""Cameras far from all photographs, against closed forms and against actually rotated hair."""
+"""Cameras far from all photographs, compared with closed forms and with hair that is really rotated."""
 
 import math
 
@@ -80,7 +80,7 @@ def test_unseen_hair_looks_as_if_it_were_turned_to_the_photographs(generator: to
     hair.seen_from = torch.zeros(0, 3)
     turned = Strands((strands.points - middle) @ turn.T + middle, root_uv=strands.root_uv)
     camera = Camera.look_at(middle + 0.5 * turn @ direction(180), middle, 60.0, (32, 32))
-    # The same pixels see the same strands; only the grid about the hair lies differently.
+    # The same pixels see the same strands; only the grid around the hair is different.
     lines = hair.draw(turned, camera).lines
     drawn = hair.draw(strands, back).lines
     same = (lines.segment == drawn.segment).float().mean()

@@ -1,4 +1,4 @@
-"""Bending a template: to landmarks, to points of the skin, into outlines; and not at all without evidence."""
+"""Deforming a template: to landmarks, to points of the skin, into outlines; without evidence it keeps its shape."""
 
 import numpy as np
 import pytest

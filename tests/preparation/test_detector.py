@@ -1,4 +1,4 @@
-"""The detector's process: answers are read, failures give one sentence. The real one is tested if it is installed."""
+"""The detector's process: answers are read, failures give one sentence. MediaPipe itself is tested if installed."""
 
 import json
 import os

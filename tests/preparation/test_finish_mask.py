@@ -7,7 +7,7 @@ import pytest
 from neural_strands.preparation.masks.finish import LOOSE, finish_mask
 
 FOOTPRINT = 0.001
-"""A millimetre a pixel, so that figures below are millimetres."""
+"""One millimetre per pixel, so that the figures below are in millimetres."""
 CHIN = 150
 
 
@@ -44,7 +44,7 @@ def test_a_collar_that_hangs_by_a_thin_shadow_is_dropped():
     mask = finished(hair | bridge | collar) > 0
     assert mask[hair].all()
     assert not mask[collar].any()
-    # The bridge is hair above the chin, and as far below it as a wisp may reach.
+    # The bridge counts as hair above the chin, and below it as far as a wisp may reach.
     assert mask[145:160, 62:68].all()
     assert not mask[170:200].any()
 

@@ -1,4 +1,4 @@
-"""FLAME's pickle: read as its owners write it, and nothing in it is run."""
+"""FLAME's pickle: it is read as its owners write it, and nothing in it is executed."""
 
 import pickle
 import sys

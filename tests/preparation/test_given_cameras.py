@@ -89,7 +89,7 @@ def test_reality_capture_looks_where_heading_and_pitch_say(tmp_path: Path):
     path = tmp_path / "cameras.csv"
     path.write_text(reality_capture(pitch="90"))
     posed = read_cameras(path, [SHOT])["A.jpg"]
-    # A camera of no pitch looks straight down, one of 90 degrees at the horizon; heading 90 degrees is east (x).
+    # A pitch of 0 looks straight down, one of 90 degrees at the horizon; a heading of 90 degrees is east (x).
     rotation = posed.world_to_camera[:3, :3]
     np.testing.assert_allclose(rotation[2], [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(rotation[1], [0, 0, -1], atol=1e-12)

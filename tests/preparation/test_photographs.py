@@ -1,4 +1,4 @@
-"""Photographs from a folder: upright, sRGB, small enough, named apart, the damaged left out."""
+"""Photographs from a folder: upright, sRGB, small enough, with unique names, without the damaged ones."""
 
 import sys
 from pathlib import Path
@@ -48,7 +48,7 @@ def test_orientation_focal_length_and_device_come_from_exif(tmp_path: Path):
     Image.fromarray(picture()).save(tmp_path / "turned.png", exif=exif)
     found, _ = run(tmp_path, tmp_path / "out")
     turned = next(photograph for photograph in found if photograph.source == "turned.png")
-    # Orientation 6: the camera was turned; the picture is to be turned a quarter clockwise.
+    # Orientation 6: the camera was turned, so the picture must be turned clockwise by 90 degrees.
     assert (turned.width, turned.height) == (40, 60)
     np.testing.assert_array_equal(read_picture(tmp_path / "out" / turned.name), np.rot90(picture(), -1))
     assert turned.device == "Maker"

@@ -38,7 +38,7 @@ def test_the_head_comes_back_to_its_place(scene: Scene, prepared):
     assert head is not None
     assert figures["metres_per_camera_unit"] == pytest.approx(UNIT, rel=0.06)
     assert 0.02 < figures["scale_error"] < 0.06
-    # The world is the template's own frame but for the scale that was estimated.
+    # The world is the template's own frame, except for the estimated scale.
     true = Mesh(scene.head.vertices * figures["metres_per_camera_unit"] / UNIT, scene.head.faces)
     gap = closest_points(head.mesh.vertices, true).distance
     assert float(gap.median()) < 1e-3
@@ -54,7 +54,7 @@ def test_masks_cover_the_hair(scene: Scene, prepared):
         found = read_picture(out / "masks" / name)[..., 0] > 127
         overlaps.append((found & true).sum() / (found | true).sum())
         missing.append((true & ~found).sum() / true.sum())
-    # A border of a pixel and a half is wanted: a tenth of a mask this small.
+    # Masks are a pixel and a half too wide on purpose, which is a tenth of a mask this small.
     assert np.mean(overlaps) > 0.80
     assert np.mean(missing) < 0.05
 

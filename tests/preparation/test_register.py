@@ -36,7 +36,7 @@ def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path):
 @pytest.mark.slow(seconds=50)
 def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     images, matches, model = folders(tmp_path)
-    # Every second one: matching all pairs of all takes four times as long.
+    # Every second photograph, because matching all pairs of all photographs takes four times as long.
     paths = sorted((shared_data / "photos" / "selfie" / "images").glob("*.jpg"))[::2]
     shots = import_photographs(paths, images, 2048, print)
     match_photographs(images, shots, matches)
@@ -44,6 +44,6 @@ def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     views = read_colmap(images, model)
     assert len(views) == len(paths) == 25
     assert len(points.position) > 1000
-    # All of one phone: one lens, of a plausible focal length.
+    # All photographs are from one phone: there is one lens, with a plausible focal length.
     assert len({view.lens for view in views}) == 1
     assert 0.5 < views[0].lens.intrinsics[0] / 960 < 2.0

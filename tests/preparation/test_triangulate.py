@@ -46,7 +46,7 @@ def test_noise_and_wrong_faces_are_outvoted():
     error = np.linalg.norm(face.points - points, axis=1)
     # Half a pixel is 0.44 mm at 0.8 m; eight views over 80 degrees average it.
     assert np.median(error) < 4e-4
-    # The estimated error is that of the points, within a factor.
+    # The estimated error matches the true error of the points to within a factor.
     assert 0.5 < np.median(face.spread) / np.sqrt(np.mean(error**2)) < 2.0
     assert 0.3 < face.error < 0.9
 

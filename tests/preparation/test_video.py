@@ -30,7 +30,7 @@ def test_the_sharpest_frame_of_each_stretch_is_taken(tmp_path: Path):
     found = import_video(tmp_path / "a.avi", tmp_path / "out", 4, 2048, lambda _: None)
     assert [photograph.name for photograph in found] == [f"frame_{k:06d}.png" for k in (3, 7, 11, 18)]
     assert read_list(tmp_path / "out") == found
-    # The colours are in order: compression of a video leaves them near.
+    # The colours are in the right order; compression changes them slightly.
     difference = read_picture(tmp_path / "out" / "frame_000007.png")[..., ::-1].astype(int) - frame(7, False)
     assert np.abs(difference).mean() < 12
 

@@ -1,4 +1,4 @@
-"""Decoding: blocks against all at once, resolutions against one another, bounds."""
+"""Decoding: in blocks and all at once, at several resolutions, and its bounds."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""How good the shipped prior is: on procedural coils everywhere, on artists' grooms where they are at hand."""
+"""How good the shipped prior is: on procedural coils always, on artists' grooms where they are available."""
 
 import math
 from pathlib import Path

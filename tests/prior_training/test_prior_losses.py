@@ -52,7 +52,7 @@ def test_absolute_loss_has_a_gradient_where_points_agree() -> None:
 def test_turn_loss_counts_turns_alone() -> None:
     true = straight(0.1)
     turned = straight(0.2)[..., [2, 1, 0]]
-    # Neither place, scale nor heading matter to straight strands: they do not turn.
+    # Straight strands do not turn, whatever their place, scale and heading.
     assert float(turn_loss(turned, true)) == pytest.approx(0, abs=1e-9)
     corner = true.clone()
     corner[:, 50:, 0] = true[:, 50:, 2] - true[0, 49, 2]

@@ -120,7 +120,7 @@ def test_each_change_of_the_paper_preset_trains_all_weights(tmp_path: Path, chan
     first = train_prior(tmp_path / "first.safetensors", replace(config, steps=1)).state_dict()
     second = train_prior(tmp_path / "second.safetensors", config).state_dict()
     same = {name for name, value in first.items() if torch.equal(value, second[name])}
-    # Amplitudes alone: no chirp, so nothing depends on the mix that bends the phase.
+    # With amplitudes alone there is no chirp, so nothing depends on the mix that bends the phase.
     amplitude = config.generator.synthesiser.modulation == "amplitude"
     assert same == ({"generator.synthesiser.warp_mix"} if amplitude else set())
 

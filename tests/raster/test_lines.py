@@ -18,7 +18,7 @@ SIZE = (40, 32)
 
 @pytest.fixture
 def camera():
-    """Looks along -z from one metre before the origin; 100 pixels a metre there."""
+    """Looks along -z from one metre in front of the origin, where a metre is 100 pixels."""
     return Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 100.0, SIZE)
 
 
@@ -32,7 +32,7 @@ def wavy(generator, count=300, points=12):
 
 
 def same_buffers(found, expected):
-    """Equal but for the few pixels where rounding decides between two segments or two pixels."""
+    """Equal except for the few pixels where rounding decides between two segments or two pixels."""
     same = found.segment == expected.segment
     assert (~same).float().mean() < 0.005
     torch.testing.assert_close(found.depth[same], expected.depth[same], rtol=1e-5, atol=1e-6)
@@ -41,7 +41,7 @@ def same_buffers(found, expected):
 
 @pytest.mark.parametrize("distance", [1.0, 0.3, 0.0])
 def test_agrees_with_the_twin(generator, device, distance):
-    """Before the hair, at its edge, and in its midst, with strands behind the camera and lines across the screen."""
+    """In front of the hair, at its edge and inside it, with strands behind the camera and lines across the screen."""
     camera = Camera.look_at(torch.tensor([0.05, 0.02, distance]), torch.tensor([0.0, 0.0, -0.5]), 150.0, (160, 120))
     points = wavy(generator).to(device)
     occluder = (torch.rand(120, 160, generator=generator) + 0.2).to(device)
@@ -54,7 +54,7 @@ def test_agrees_with_the_twin(generator, device, distance):
 
 @pytest.mark.parametrize(("width", "tip"), [(0.002, 0.0), (0.012, 0.4), (0.04, 1.0)])
 def test_wide_strands_agree_with_the_twin(generator, device, width, tip):
-    """From a third of a pixel to six pixels, before the near plane and through it."""
+    """From a third of a pixel to six pixels, in front of the near plane and through it."""
     camera = Camera.look_at(torch.tensor([0.05, 0.02, 0.8]), torch.zeros(3), 150.0, (160, 120))
     points, config = wavy(generator, 60).to(device), LineConfig(width=width, tip=tip)
     found = rasterise_lines(points, camera.to(device), config=config)
@@ -228,7 +228,7 @@ def test_thread_count_does_not_change_a_bit(generator):
 
 @pytest.mark.parametrize("distance", [0.8, 0.1, 0.0])
 def test_batches_draw_the_same_keys_as_segments(generator, distance):
-    """Strands of more than one batch, before the camera and through it, crossing the borders, some not finite."""
+    """Strands of more than one batch, in front of the camera and through it, across the borders, some not finite."""
     camera = Camera.look_at(torch.tensor([0.05, 0.02, distance]), torch.tensor([0.0, 0.0, -0.5]), 250.0, (200, 150))
     points = wavy(generator, 200, 150)
     points[3, 70, 1] = torch.nan

@@ -1,4 +1,4 @@
-"""SIGKILL at a random moment; `benchmarks/kills.py` has many."""
+"""SIGKILL at a random moment; `benchmarks/kills.py` repeats this many times."""
 
 import json
 import os

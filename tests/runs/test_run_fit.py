@@ -1,4 +1,4 @@
-"""A fit as a run: what is refused leaves nothing that blocks the next one."""
+"""A fit as a run: a refused fit leaves nothing that blocks the next one."""
 
 import itertools
 import shutil
@@ -68,7 +68,7 @@ def test_a_fit_that_another_has_begun_meanwhile_is_refused(request_of, monkeypat
 
 @pytest.mark.parametrize("harm", ["vanishes", "changes"])
 def test_a_capture_that_is_harmed_under_a_fit_costs_nothing_of_it(request_of, monkeypatch, harm):
-    """The run keeps its steps; with the photographs back, it ends in the bits of one that was left alone."""
+    """The run keeps its steps; when the photographs are back, it ends with the same bits as an undisturbed run."""
     config = tiny_config(steps=6)
     run_fit(request_of("whole"), config, CPU, Feedback())
     images, kept = request_of("run").capture / "images", request_of("run").capture / "kept"

@@ -1,4 +1,4 @@
-"""The log of a run: what was added comes back, and a line torn by a kill costs only itself."""
+"""The log of a run: what was added is read back, and if a killed process leaves half a line, only that is lost."""
 
 import logging
 import math

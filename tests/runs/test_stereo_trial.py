@@ -19,7 +19,7 @@ SECONDS_A_PIXEL, SECONDS_A_PHOTOGRAPH = 1e-4, 0.5
 
 
 class Machine:
-    """A clock, and a stereo that takes a known time a pixel."""
+    """A clock, and a stereo that takes a known time per pixel."""
 
     def __init__(self, result=None):
         self.now, self.rounds, self.result = 0.0, [], result

@@ -147,7 +147,7 @@ def test_overlap_check_against_shapes_of_known_answer():
 
 
 def test_overlap_check_against_sampling(generator):
-    """Random triangles: any pair found by sampling their insides is found, up to slivers."""
+    """Random triangles: every overlap that sampling finds is found, except for slivers."""
     uv = torch.rand(40, 3, 2, generator=generator) * 0.2 + torch.rand(40, 1, 2, generator=generator)
     random = torch.rand(400, 3, generator=generator).add(1e-3).log().neg()
     samples = torch.einsum("sk,fkc->fsc", random / random.sum(-1, keepdim=True), uv)

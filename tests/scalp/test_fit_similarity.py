@@ -1,4 +1,4 @@
-"""Similarity fits: known transforms recovered, grooms without heads brought to theirs."""
+"""Similarity fits: known transforms are recovered, and grooms without heads are placed on theirs."""
 
 import math
 

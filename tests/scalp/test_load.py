@@ -219,7 +219,7 @@ def test_mannequin_is_watertight_symmetric_and_head_sized():
     assert 0.14 < measure_head(head.mesh.vertices).width < 0.17
     assert 0.05 < head.scalp_area < 0.08
     assert head.mesh.vertices.mean(dim=0)[0].abs() < 1e-3
-    # Ears stand out by the side and are no scalp.
+    # Ears stick out at the sides and are not scalp.
     assert head.scalp_mesh.corners()[..., 0].abs().max() < 0.081
 
 
@@ -239,7 +239,7 @@ def test_makehuman_chart(shared_data):
     head = load_head(folder / "base.obj", folder / "scalp_solid.json.gz")
     assert len(head.scalp_faces) == 1040
     assert head.scalp_area == pytest.approx(0.0746, abs=0.001)
-    # What is found without the chart covers nearly the same skin.
+    # The scalp found without the chart covers nearly the same skin.
     found = scalp_faces(head.mesh)
     areas = face_areas(head.mesh)
     both = found[torch.isin(found, head.scalp_faces)]

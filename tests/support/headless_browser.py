@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 REQUIRED = "NEURAL_STRANDS_BROWSER"
-"""Set in the environment, it makes a missing Chromium a failure."""
+"""Environment variable that makes a missing Chromium a failure."""
 FLAGS = [
     "--headless",
     "--no-sandbox",
@@ -35,11 +35,11 @@ FLAGS = [
 CANVAS_ALONE = "*:not(:has(canvas)):not(canvas) { visibility: hidden !important; }"
 """A style that hides what lies over the canvas: panels and notices."""
 HARMLESS = "Unable to preventDefault inside passive event listener"
-"""Chromium says this of viser's drags, and goes on."""
+"""Chromium prints this about viser's drags, without consequences."""
 PATIENCE = 240.0
 """Seconds until something counts as never happening, on a machine that may be busy with other tests."""
 BETWEEN_LOOKS = 0.1
-"""Seconds between two looks at a page."""
+"""Seconds between two checks of a page."""
 
 
 @dataclass

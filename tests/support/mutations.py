@@ -181,7 +181,7 @@ def _changed(random: Random, document: Any) -> Any:
 
 
 def _archive(random: Random, content: bytes) -> bytes:
-    """A zip archive with one member damaged, gone, or twice, and a checksum that fits."""
+    """A zip archive with one member damaged, removed or doubled, and a matching checksum."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = [(info, archive.read(info)) for info in archive.infolist()]
@@ -202,7 +202,7 @@ def _archive(random: Random, content: bytes) -> bytes:
 
 
 def _picture(random: Random, content: bytes) -> bytes:
-    """A PNG with one chunk damaged and its checksum fitting."""
+    """A PNG with one chunk damaged and a matching checksum."""
     chunks, at = [], len(PNG)
     while at + 12 <= len(content):
         (length,) = struct.unpack_from(">I", content, at)
@@ -216,7 +216,7 @@ def _picture(random: Random, content: bytes) -> bytes:
 
 
 def _tensors(random: Random, content: bytes) -> bytes:
-    """Safetensors with a damaged header, or with damaged numbers, and a length that fits."""
+    """Safetensors with a damaged header or damaged numbers, and a matching length."""
     length = int.from_bytes(content[:8], "little")
     header, numbers = content[8 : 8 + length], content[8 + length :]
     if random.random() < 0.5:

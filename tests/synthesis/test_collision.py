@@ -27,7 +27,7 @@ def test_strands_through_the_ball_end_outside_with_their_roots_kept(generator):
     mesh = _ball()
     kept = keep_outside(strands, SignedDistanceGrid.build(mesh, 0.006), mesh)
     assert torch.equal(kept[:, 0], strands[:, 0])
-    # The faceted ball lies up to a few microns within the round one.
+    # The faceted ball lies up to a few micrometres inside the round one.
     later = kept[:, 5:].norm(dim=-1) - RADIUS
     assert later.min() > CLEARANCE - 1e-4
 

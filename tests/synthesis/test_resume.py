@@ -1,4 +1,4 @@
-"""A folder is claimed for one kind of settings, and goes on only with the same."""
+"""A folder belongs to one set of settings, and is continued only with the same settings."""
 
 import json
 
