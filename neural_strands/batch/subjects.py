@@ -11,6 +11,7 @@ from neural_strands.fitting.config import FitConfig, Preset, check_fit_config, p
 from neural_strands.foundation.configs import Between, config_from_json, read_settings
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.json_files import JsonValue
+from neural_strands.preparation.bounds import FrameCount, LongestSide, MetresPerUnit, PupilDistance
 
 Stage = Literal["prepare", "lmvs", "fit", "evaluate"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
@@ -37,13 +38,13 @@ class PrepareSettings:
     """The template's scalp."""
     detector: str | None = None
     """A Python on every node that has the package mediapipe, if the one that runs the tasks does not."""
-    scale: Annotated[float, Between(1e-6, 1e6)] | None = None
+    scale: MetresPerUnit | None = None
     """Metres per unit of the cameras."""
-    pupil_distance: Annotated[float, Between(40, 85)] | None = None
+    pupil_distance: PupilDistance | None = None
     """Millimetres between the person's pupils."""
-    longest_side: Annotated[int, Between(256, 16384)] = 2048
+    longest_side: LongestSide = 2048
     """Longer side to which larger photographs are reduced, pixels."""
-    frames: Annotated[int, Between(3, 2000)] = 80
+    frames: FrameCount = 80
     """Number of frames to take from a video."""
     bend: bool = True
     """Deform the template to fit the person's face and outline."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,13 +28,13 @@ class Convert:
     """Groom to read: .hair, .data, .tfx, .usd, .usda, .usdc, .ply, .obj or .npz."""
     output: Annotated[Path, tyro.conf.Positional]
     """Groom to write; its suffix chooses the format. An existing file is replaced."""
-    scale: float = 1.0
+    scale: Annotated[float, Between(1e-6, 1e6)] = 1.0
     """Metres in one unit of the input: 0.01 for centimetres."""
     up: Axis = "y"
     """Axis of the input that points up; write --up=-z for a negative one."""
     front: Axis = "z"
     """Axis of the input that points out of the face."""
-    points: int | None = None
+    points: Annotated[int, Between(2, 10_000)] | None = None
     """Points per strand, equally spaced along it. Default: the points stay as they are."""
 
     def run(self) -> None:
@@ -42,12 +43,8 @@ class Convert:
         from neural_strands.grooms.io import check_suffix, read_groom, write_groom
 
         check_suffix(self.output)
-        if not 1e-6 <= self.scale <= 1e6:
-            raise InputError(f"--scale: expected metres per unit between 1e-6 and 1e6, found {self.scale:g}.")
         if self.up[-1] == self.front[-1]:
             raise InputError(f"--up {self.up} --front {self.front}: expected two different axes, such as y and z.")
-        if self.points is not None and not 2 <= self.points <= 10_000:
-            raise InputError(f"--points: expected between 2 and 10000 points per strand, found {self.points}.")
         groom = read_groom(self.input)
         if self.points is not None:
             groom = Groom.from_strands(groom.strands(self.points))

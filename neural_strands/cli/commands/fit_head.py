@@ -11,6 +11,7 @@ import tyro
 from neural_strands.cli.head_options import HeadOptions
 from neural_strands.cli.streams import say
 from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.bounds import MetresPerUnit
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class FitHead(HeadOptions):
     """Folder of the capture."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder for head.obj and scalp_faces.json; it can be the folder of the capture."""
-    scale: float = 1.0
+    scale: MetresPerUnit = 1.0
     """Metres in one unit of the cameras."""
     json: bool = False
     """Print the figures as one JSON object."""
@@ -36,8 +37,6 @@ class FitHead(HeadOptions):
         from neural_strands.capture.writer import CaptureWriter
         from neural_strands.preparation.head_of_capture import head_of_capture
 
-        if not 1e-6 <= self.scale <= 1e6:
-            raise InputError(f"--scale: expected 1e-06 to 1e+06, found {self.scale:g}.")
         if (self.out / "head.obj").exists():
             raise InputError(f"{self.out / 'head.obj'}: expected no head yet, found one; name another folder.")
         found = head_of_capture(Capture.load(self.capture), self.head_request(self.scale), say)

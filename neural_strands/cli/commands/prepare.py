@@ -10,7 +10,7 @@ import tyro
 
 from neural_strands.cli.head_options import HeadOptions
 from neural_strands.cli.streams import say
-from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.bounds import FrameCount, LongestSide, MetresPerUnit, PupilDistance
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class Prepare(HeadOptions):
     """Program that makes hair masks, with {image} and {mask} for the paths of a picture and its mask."""
     person_model: Path | None = None
     """One of MediaPipe's selfie segmenters (.tflite); not needed with mediapipe 0.10.21."""
-    scale: float | None = None
+    scale: MetresPerUnit | None = None
     """Metres in one unit of the cameras, if known."""
-    pupil_distance: float | None = None
+    pupil_distance: PupilDistance | None = None
     """Distance between the person's pupils, millimetres, as on a prescription for glasses: removes most of the scale's
     error, which is otherwise about 3%."""
-    longest_side: int = 2048
+    longest_side: LongestSide = 2048
     """Larger photographs are reduced to this many pixels along the longer side."""
-    frames: int = 80
+    frames: FrameCount = 80
     """Frames to take from a video: the sharpest one of each of this many intervals."""
     json: bool = False
     """Print the figures as one JSON object."""
@@ -52,14 +52,6 @@ class Prepare(HeadOptions):
         """Prepare, saying what happens on standard error."""
         from neural_strands.preparation.prepare import PrepareRequest, prepare
 
-        for name, value, least, most in (
-            ("scale", self.scale, 1e-6, 1e6),
-            ("pupil-distance", self.pupil_distance, 40.0, 85.0),
-            ("longest-side", self.longest_side, 256, 16384),
-            ("frames", self.frames, 3, 2000),
-        ):
-            if value is not None and not least <= value <= most:
-                raise InputError(f"--{name}: expected {least:g} to {most:g}, found {value:g}.")
         request = PrepareRequest(
             self.photographs,
             self.out,
