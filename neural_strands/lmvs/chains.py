@@ -81,9 +81,7 @@ def mean_shift(cloud: LineCloud, radius: float, degrees: float, rounds: int) -> 
     return moved, turned, support
 
 
-def grow_chains(
-    cloud: LineCloud, footprint: float, config: ChainConfig, generator: torch.Generator
-) -> LineSegments:
+def grow_chains(cloud: LineCloud, footprint: float, config: ChainConfig, generator: torch.Generator) -> LineSegments:
     """Grow chains from the cloud until every point belongs to one.
 
     Args:

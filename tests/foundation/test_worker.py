@@ -56,6 +56,6 @@ def test_it_sees_neither_this_folder_nor_the_users_paths(tmp_path: Path, monkeyp
 def test_an_interpreter_that_does_not_start_is_one_sentence(tmp_path: Path):
     broken = tmp_path / "python"
     broken.write_bytes(b"")
-    message = rf"{broken}: expected a Python with bpy, found one that does not start \(Permission denied\); name another"
+    message = r"python: expected a Python with bpy, found one that does not start \(Permission denied\); name another"
     with pytest.raises(InputError, match=message), started_worker(broken, broken, {}, "bpy"):
         pass

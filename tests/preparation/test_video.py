@@ -8,7 +8,7 @@ import pytest
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.photographs.folder import read_list, read_picture
-from neural_strands.preparation.photographs.video import import_video, is_video, frame_sharpness
+from neural_strands.preparation.photographs.video import frame_sharpness, import_video, is_video
 
 
 def frame(number: int, blurred: bool) -> np.ndarray:
