@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from neural_strands.cli.commands.convert import Axis, axes_to_world
-from neural_strands.cli.commands.info import guess_unit
+from neural_strands.cli.commands.info import unit_name
 from neural_strands.cli.main import main
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import READERS, read_groom, write_groom
@@ -63,7 +63,7 @@ def test_a_single_root_says_nothing_of_the_unit(tmp_path: Path, capsys: pytest.C
     ("span", "unit"), [(0.2, "m"), (18.0, "cm"), (230.0, "mm"), (42.8, "unknown"), (0.0, "unknown")]
 )
 def test_unit_guess(span: float, unit: str):
-    assert guess_unit(span) == unit
+    assert unit_name(span) == unit
 
 
 @pytest.mark.parametrize("name", sorted(REAL_UNITS))
