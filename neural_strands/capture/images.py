@@ -144,3 +144,13 @@ def unit_tensor(image: np.ndarray, device: torch.device | str) -> Float[Tensor, 
         return torch.from_numpy(to_unit(image)).to(device)
     # A copy from pinned memory is asynchronous.
     return torch.tensor(image).pin_memory().to(device, non_blocking=True).float() / 255.0
+
+
+def reduced(pixels: np.ndarray, longest_side: int) -> np.ndarray:
+    """Reduce pixels (height, width[, channel]) to at most `longest_side` along the longer side, in proportion."""
+    height, width = pixels.shape[:2]
+    scale = longest_side / max(height, width)
+    if scale >= 1.0:
+        return pixels
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)

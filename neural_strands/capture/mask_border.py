@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.findings import Finding
+from neural_strands.capture.images import reduced
 from neural_strands.pictures.looks import LookHistogram, look_cells
 
 MOST_VIEWS = 12
@@ -129,10 +130,7 @@ def _longest_side(capture: Capture) -> int:
 def _reduced_view(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarray, "height width"]]:
     picture, mask = capture.image(index).numpy(), capture.hair_mask(index)
     assert mask is not None
-    height, width = picture.shape[:2]
-    scale = min(1.0, LONGEST_SIDE / max(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small, hair = (cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in (picture, mask.numpy()))
+    small, hair = (reduced(each, LONGEST_SIDE) for each in (picture, mask.numpy()))
     return np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8), hair > 0.5
 
 

@@ -87,6 +87,14 @@ class GeometryScore:
     signed: Agreement
     strand_consistency: float | None = None
 
+    def as_dict(self) -> dict[str, float | dict[str, float] | None]:
+        """The figures that `--json` prints, percent."""
+        return {
+            **self.unsigned.as_dict(),
+            "strand_consistency": self.strand_consistency,
+            "signed": self.signed.as_dict(),
+        }
+
 
 @dataclass(frozen=True)
 class HeadFit:

@@ -16,7 +16,7 @@ from typing import IO
 from neural_strands.foundation.errors import InputError, reason
 
 LONGEST_COMPLAINT = 300
-"""Largest number of characters of a worker's last words that are repeated."""
+"""Largest number of characters of a program's last line that are repeated."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,13 @@ class Worker:
         """Wait for its end, and return the last line that it wrote to standard error, or else its exit status."""
         status = self.status()
         self.complaints.seek(0)
-        lines = self.complaints.read().strip().splitlines() or [f"exit status {status}"]
-        return lines[-1][:LONGEST_COMPLAINT]
+        return last_line(self.complaints.read(), f"exit status {status}")
+
+
+def last_line(complaints: str, otherwise: str) -> str:
+    """The last line of what a program wrote to standard error, cut if it is long; `otherwise` if it wrote nothing."""
+    lines = complaints.strip().splitlines() or [otherwise]
+    return lines[-1][:LONGEST_COMPLAINT]
 
 
 @contextmanager

@@ -85,14 +85,7 @@ class Evaluation:
             "milliseconds": {"decode": self.decode_ms, "render": self.render_ms},
         }
         for name, scores in (("strands", self.ours), ("lmvs", self.lmvs)):
-            result[name] = {
-                score.threshold.name: {
-                    **score.unsigned.as_dict(),
-                    "strand_consistency": score.strand_consistency,
-                    "signed": score.signed.as_dict(),
-                }
-                for score in scores
-            }
+            result[name] = {score.threshold.name: score.as_dict() for score in scores}
         if self.head_fit is not None:
             result["inside_head_percent"] = self.head_fit.inside
         return result

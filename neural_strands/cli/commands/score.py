@@ -71,14 +71,7 @@ class Score:
 
 def as_dict(scores: "tuple[GeometryScore, ...]", fit: "HeadFit | None") -> dict[str, Any]:
     """What `--json` prints."""
-    result: dict[str, Any] = {
-        score.threshold.name: {
-            **score.unsigned.as_dict(),
-            "strand_consistency": score.strand_consistency,
-            "signed": score.signed.as_dict(),
-        }
-        for score in scores
-    }
+    result: dict[str, Any] = {score.threshold.name: score.as_dict() for score in scores}
     if fit is not None:
         result["head"] = {
             "inside_percent": fit.inside,

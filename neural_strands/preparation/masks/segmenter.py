@@ -13,6 +13,7 @@ from neural_strands.capture.images import mask_of, read_pixels
 from neural_strands.capture.view_files import find_mask
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
+from neural_strands.foundation.worker import last_line
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
 from neural_strands.preparation.photographs.folder import Photograph
 from neural_strands.preparation.stage import digest_files
@@ -127,8 +128,8 @@ def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> list[np.
                 f"--segmenter: expected a program, but {words[0]} does not start ({error.strerror})."
             ) from error
         if done.returncode != 0 or not mask.is_file():
-            last = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}, no mask"]
-            raise InputError(f"--segmenter: expected a mask of {picture.name}, found: {last[0][:300]}.")
+            last = last_line(done.stderr, f"exit status {done.returncode}, no mask")
+            raise InputError(f"--segmenter: expected a mask of {picture.name}, found: {last}.")
         height, width = read_pixels(picture).shape[:2]
         masks.append(read_mask(mask, (width, height)))
     return masks

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
+from neural_strands.capture.images import reduced
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.json_files import read_json
@@ -161,11 +162,7 @@ def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, 
     profile = image.info.get("icc_profile")
     image = ImageOps.exif_transpose(image)
     image = _in_srgb(image, profile)
-    shrink = min(1.0, longest_side / max(image.size))
-    pixels = np.asarray(image)
-    if shrink < 1.0:
-        size = (max(1, round(image.width * shrink)), max(1, round(image.height * shrink)))
-        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    pixels = reduced(np.asarray(image), longest_side)
     height, width = pixels.shape[:2]
     try:
         focal = float(equivalent) * math.hypot(width, height) / FILM_DIAGONAL

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from neural_strands.capture.images import reduced
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, write_list, write_picture
@@ -46,7 +47,7 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
             stretch = number * frames // expected
             sharp = frame_sharpness(frame)
             if stretch not in best or sharp > best[stretch][0]:
-                best[stretch] = (sharp, number, _small(frame, longest_side))
+                best[stretch] = (sharp, number, reduced(frame, longest_side))
             number += 1
     finally:
         capture.release()
@@ -68,14 +69,5 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
 
 def frame_sharpness(frame: np.ndarray) -> float:
     """Sharpness of a picture (height, width, 3): the variance of its Laplacian after it is reduced to `JUDGED_SIDE`."""
-    grey = cv2.cvtColor(_small(frame, JUDGED_SIDE), cv2.COLOR_BGR2GRAY)
+    grey = cv2.cvtColor(reduced(frame, JUDGED_SIDE), cv2.COLOR_BGR2GRAY)
     return float(cv2.Laplacian(grey, cv2.CV_32F).var())
-
-
-def _small(frame: np.ndarray, longest_side: int) -> np.ndarray:
-    height, width = frame.shape[:2]
-    shrink = min(1.0, longest_side / max(height, width))
-    if shrink == 1.0:
-        return frame.copy()
-    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
-    return cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
