@@ -18,7 +18,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.resample import resample
-from neural_strands.geometry.strands import Strands, segments
+from neural_strands.geometry.strands import Strands, lengths_along
 from neural_strands.grooms.io import read_groom
 from neural_strands.scalp.fit_similarity import fit_similarity
 from neural_strands.scalp.head import Head
@@ -146,7 +146,7 @@ def wound(strands: Strands, head: Head, winding: Winding, generator: torch.Gener
         each = torch.randn(2, len(points), 1, generator=generator)
         return shared * each[0][lock] + own * each[1]
 
-    length = torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
+    length = lengths_along(points)
     pitch = winding.pitch * torch.exp(drawn(0.1, 0.01))
     phase = 2 * math.pi * (length / pitch + drawn(0.5, 0.05))
     risen = (length / winding.pitch).clamp(max=1)

@@ -91,3 +91,8 @@ def directions(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand
 def lengths(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, " strand"]:
     """Arc length of each polyline in metres."""
     return segments(points).norm(dim=-1).sum(dim=-1)
+
+
+def lengths_along(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
+    """Arc length from the root to every point, metres."""
+    return torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))

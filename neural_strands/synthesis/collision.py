@@ -7,7 +7,7 @@ from torch import Tensor
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
-from neural_strands.geometry.strands import segments
+from neural_strands.geometry.strands import lengths_along, segments
 from neural_strands.synthesis.shorten import shorten
 
 CLEARANCE = 0.0004
@@ -62,7 +62,7 @@ def _pushed(
     points: Float[Tensor, "strand point 3"], height: float, grid: SignedDistanceGrid, index: SignedDistanceIndex
 ) -> Float[Tensor, "strand point 3"]:
     """Points pushed to `height` metres above the skin by the grid, then to at least CLEARANCE by the triangles."""
-    arc = torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
+    arc = lengths_along(points)
     result = points.clone()
     for _ in range(ROUNDS):
         distance, outward = grid.with_outward(result)

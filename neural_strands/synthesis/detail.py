@@ -10,7 +10,7 @@ from torch import Tensor
 
 from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.frames import orthonormal_frames
-from neural_strands.geometry.strands import directions, segments
+from neural_strands.geometry.strands import directions, lengths, lengths_along
 from neural_strands.synthesis.styles import Style
 
 FRIZZ_MODES = 4
@@ -62,7 +62,7 @@ def gather_locks(
     The leader is taken at equal arc length where it is long enough, so that strands of unequal length stay parallel.
     """
     count = points.shape[1]
-    length = segments(points).norm(dim=-1).sum(dim=-1)
+    length = lengths(points)
     along = torch.linspace(0.0, 1.0, count, device=points.device)
     position = (along * (length / length[leader])[:, None]).clamp(max=1.0) * (count - 1)
     left = position.floor().long().clamp(max=count - 2)
@@ -99,7 +99,7 @@ def _waves(
 ) -> Float[Tensor, "strand point 2"]:
     """Deviation sideways and outwards: one wave per lock; its phase drifts over the head and along the strand."""
     count = len(points)
-    arc = _arc(points)
+    arc = lengths_along(points)
     by_lock = torch.randn(3, count, generator=generator, device=generator.device).to(points)[:, lock]
     by_small = torch.randn(2, count, generator=generator, device=generator.device).to(points)[:, lock_small]
     own = torch.randn(2, count, generator=generator, device=generator.device).to(points)
@@ -122,7 +122,7 @@ def _frizz(
 ) -> Float[Tensor, "strand point 2"]:
     """Each strand's own smooth deviation: a few sine waves that grow from the root."""
     count = len(points)
-    arc = _arc(points)
+    arc = lengths_along(points)
     gain = style.frizz * torch.where(loose, FLYAWAY_GAIN, 1.0)
     total = points.new_zeros(*arc.shape, 2)
     for mode in range(FRIZZ_MODES):
@@ -133,10 +133,6 @@ def _frizz(
             weight = (2 * draws[:, 3 + axis] - 1) / (1 + mode)
             total[..., axis] += weight[:, None] * torch.sin(arc * frequency[:, None] + phase[:, None])
     return total * (gain[:, None] * smoothstep(arc / 0.06))[..., None]
-
-
-def _arc(points: Float[Tensor, "strand point 3"]) -> Float[Tensor, "strand point"]:
-    return torch.nn.functional.pad(segments(points).norm(dim=-1).cumsum(dim=-1), (1, 0))
 
 
 def _random(count: int, generator: torch.Generator, like: Tensor) -> Float[Tensor, " {count}"]:

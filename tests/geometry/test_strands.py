@@ -3,7 +3,7 @@
 import torch
 
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.strands import Strands, directions, lengths, segments
+from neural_strands.geometry.strands import Strands, directions, lengths, lengths_along, segments
 
 CORNER = torch.tensor([[[0.0, 0, 0], [0, 2, 0], [3, 2, 0]], [[1.0, 1, 1], [1, 1, 2], [1, 1, 1]]])
 
@@ -18,6 +18,7 @@ def test_directions_and_lengths_of_a_corner():
     expected = torch.tensor([[[0.0, 1, 0], [1, 0, 0], [1, 0, 0]], [[0.0, 0, 1], [0, 0, -1], [0, 0, -1]]])
     torch.testing.assert_close(directions(CORNER), expected)
     torch.testing.assert_close(lengths(CORNER), torch.tensor([5.0, 2.0]))
+    torch.testing.assert_close(lengths_along(CORNER), torch.tensor([[0.0, 2.0, 5.0], [0.0, 1.0, 2.0]]))
 
 
 def test_select_keeps_attributes_together():
