@@ -47,7 +47,7 @@ class FitData:
     targets: OrientedTargets
     distance: SignedDistanceGrid
 
-    def marked(self, target: View) -> Bool[Tensor, "height width"]:
+    def hair_pixels(self, target: View) -> Bool[Tensor, "height width"]:
         """Pixels of a view that show hair: its mask or, without one, the rasterised segments."""
         if target.hair_mask is not None:
             return target.hair_mask > 0.5
@@ -98,7 +98,7 @@ def random_region(
 ) -> tuple[View, Trimap]:
     """Crop a random square around hair from a training view, with its reference alpha."""
     whole = data.views[view]
-    marked = data.marked(whole)
+    marked = data.hair_pixels(whole)
     place = random_square(marked, (whole.camera.height, whole.camera.width), side, stride, random)
     part = whole.cropped(place)
     if whole.hair_mask is not None:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from neural_strands.foundation.configs import Between
 from neural_strands.prior.blocks import in_blocks
-from neural_strands.prior.bounded_quantities import between, length_from_raw
+from neural_strands.prior.bounded_quantities import length_from_raw, quantity_between
 from neural_strands.prior.heading import smooth_from_heading
 from neural_strands.prior.modulator import CouplingModulator, MlpModulator
 from neural_strands.prior.synthesiser import Modulations, Synthesiser, SynthesiserConfig
@@ -132,7 +132,7 @@ class StrandGenerator(nn.Module):
         """Amplitudes, frequencies and phases of the sine layers."""
         layer = self.synthesiser
         if self.config.synthesiser.modulation == "all":
-            frequency = between(raw.frequency, *self.frequency_bounds())[:, None] + layer.unit_frequency
+            frequency = quantity_between(raw.frequency, *self.frequency_bounds())[:, None] + layer.unit_frequency
             warp = raw.warp
         else:
             frequency = self.fixed_frequencies().expand(len(raw.length), -1)

@@ -168,7 +168,7 @@ class PathTracer:
             },
         }
         for index, (place, half_side, radiance) in enumerate(LIGHTS):
-            around = turned(place, self._config.light_turn)
+            around = turned_about_y(place, self._config.light_turn)
             origin = [a + b for a, b in zip(middle, around, strict=True)]
             look = self._mi.ScalarTransform4f().look_at(origin=origin, target=middle, up=[0, 1, 0])
             scene[f"light_{index}"] = {
@@ -217,7 +217,7 @@ def _write_hair(
     return written
 
 
-def turned(place: tuple[float, float, float], degrees: float) -> tuple[float, float, float]:
+def turned_about_y(place: tuple[float, float, float], degrees: float) -> tuple[float, float, float]:
     """Rotate a position about the y axis."""
     x, y, z = place
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))

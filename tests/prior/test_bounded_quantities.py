@@ -11,9 +11,9 @@ from neural_strands.prior.bounded_quantities import (
     SHORTEST,
     TAIL_SLOPE,
     TAIL_START,
-    between,
     length_from_raw,
     logit_between,
+    quantity_between,
     raw_from_length,
 )
 from neural_strands.prior.curves import CurveConfig
@@ -21,9 +21,9 @@ from neural_strands.prior.curves import CurveConfig
 
 def test_between_and_its_inverse() -> None:
     value = torch.tensor([0.01, 0.1, 0.6])
-    torch.testing.assert_close(between(logit_between(value, 0.003, 2.0), 0.003, 2.0), value)
+    torch.testing.assert_close(quantity_between(logit_between(value, 0.003, 2.0), 0.003, 2.0), value)
     # Half way is the geometric mean.
-    torch.testing.assert_close(between(torch.zeros(1), 0.01, 1.0), torch.tensor([0.1]))
+    torch.testing.assert_close(quantity_between(torch.zeros(1), 0.01, 1.0), torch.tensor([0.1]))
 
 
 def test_lengths_of_training_are_the_plain_ones() -> None:
@@ -33,7 +33,7 @@ def test_lengths_of_training_are_the_plain_ones() -> None:
     assert raw.abs().max() == pytest.approx(TAIL_START, rel=1e-5)
     inside = raw.abs() <= TAIL_START
     assert torch.equal(raw_from_length(length)[inside], raw[inside])
-    assert torch.equal(length_from_raw(raw)[inside], between(raw, SHORTEST, LONGEST)[inside])
+    assert torch.equal(length_from_raw(raw)[inside], quantity_between(raw, SHORTEST, LONGEST)[inside])
     torch.testing.assert_close(length_from_raw(raw), length, rtol=1e-5, atol=0)
 
 

@@ -14,7 +14,7 @@ from neural_strands.scalp.mannequin import mannequin
 from neural_strands.synthesis import backend
 from neural_strands.synthesis.dome import DomeConfig
 from neural_strands.synthesis.groom import make_groom
-from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig, turned, without_fireflies
+from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig, turned_about_y, without_fireflies
 from neural_strands.synthesis.styles import MELANIN, STYLES
 from neural_strands.synthesis.synthesize import SynthesisConfig, check_fit, synthesize
 
@@ -33,9 +33,9 @@ def groom() -> Strands:
 
 def test_lights_turn_about_the_vertical():
     # A quarter turn takes what is in front (+z) to the left of the head (+x); heights and distances stay.
-    assert turned((0.0, 2.0, 1.0), 90.0) == pytest.approx((1.0, 2.0, 0.0), abs=1e-12)
-    assert turned((0.95, 2.5, 1.35), 0.0) == (0.95, 2.5, 1.35)
-    assert turned(turned((0.3, 0.1, -0.7), 25.0), -25.0) == pytest.approx((0.3, 0.1, -0.7))
+    assert turned_about_y((0.0, 2.0, 1.0), 90.0) == pytest.approx((1.0, 2.0, 0.0), abs=1e-12)
+    assert turned_about_y((0.95, 2.5, 1.35), 0.0) == (0.95, 2.5, 1.35)
+    assert turned_about_y(turned_about_y((0.3, 0.1, -0.7), 25.0), -25.0) == pytest.approx((0.3, 0.1, -0.7))
 
 
 @pytest.mark.slow
