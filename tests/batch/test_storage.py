@@ -145,7 +145,7 @@ def test_a_fit_in_an_object_store_goes_on_elsewhere_with_the_same_bits(bucket, t
 
     def stopped(*arguments):
         steps.append(1)
-        # The forecast takes steps too, outside any batch's folder.
+        # The forecast also takes steps, outside the folder of any batch.
         if len(steps) == 8:
             raise KeyboardInterrupt
         take(*arguments)

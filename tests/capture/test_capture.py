@@ -152,9 +152,9 @@ def test_real_captures_project_the_truth_into_the_masks(shared_data):
             hit = torch.zeros(512, 512, dtype=torch.bool)
             hit[row, column] = True
             mask = capture.hair_mask(index) > 0.1
-            # Hair that the head hides is drawn too, so only this way round: every hair pixel has a strand.
+            # Hair behind the head is drawn too, so only this direction can be checked: every hair pixel has a strand.
             assert (hit & mask).sum() / mask.sum() > 0.9
-            # Half a pixel of a wrong convention shows at the silhouette: seen from above (view 0) nothing hides hair.
+            # A wrong convention of half a pixel shows at the silhouette; from above (view 0), nothing hides hair.
             if index == 0:
                 assert (hit & mask).sum() / hit.sum() > 0.93
 

@@ -19,7 +19,7 @@ from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.hairline import measure_head
 
 BACKWARD = torch.tensor([0.0, 0.8, -0.6])
-"""Hair grows about this direction from the ball's middle: above and behind."""
+"""Hair grows around this direction from the ball's middle: above and behind."""
 
 
 def head() -> tuple[Mesh, torch.Tensor]:
@@ -49,7 +49,7 @@ def moved(mesh: Mesh, x: float, y: float, z: float) -> Mesh:
 
 
 def changed(mesh: Mesh, factor: tuple[float, float, float], pivot: torch.Tensor) -> Mesh:
-    """Scaled along each axis about a point; (-1, 1, -1) turns the head backwards."""
+    """The mesh scaled along each axis about a point; (-1, 1, -1) turns the head backwards."""
     return replace(mesh, vertices=(mesh.vertices - pivot) * torch.tensor(factor) + pivot)
 
 
@@ -87,7 +87,7 @@ def test_masks_of_the_person_given_as_masks_of_the_hair_are_an_error():
 
 
 def test_the_shares_are_those_of_a_ball_seen_pixel_by_pixel():
-    """Every pixel's ray meets the ball where a quadratic equation says; the masks are a half plane each."""
+    """Every pixel's ray meets the ball at the solution of a quadratic equation; each mask is a half plane."""
     mesh, scalp = head()
     found = cameras(5)
     column, row = torch.meshgrid(torch.arange(SIDE), torch.arange(SIDE), indexing="xy")
@@ -143,6 +143,6 @@ def test_true_heads_of_captures_are_told_from_wrong_ones(shared_data, name):
     measure = measure_head(mesh.vertices)
     middle = measure.crown - torch.tensor([0.0, 0.6 * measure.width, 0.0])
     for case, wrong in wrong_heads(mesh, middle).items():
-        # By the hair masks alone: few captures have masks of the person.
+        # Judged by the hair masks alone, because few captures have masks of the person.
         assert judge_agreement(head_agreement(wrong, scalp, views)).level == "warning", case
     assert judge_agreement(head_agreement(mesh, scalp, masked(list(views.cameras), person, person))).level == "error"

@@ -121,7 +121,7 @@ def test_right_masks_and_captures_without_masks_stay(tmp_path: Path):
 def test_large_pictures_are_looked_at_smaller(tmp_path: Path):
     image, hair = picture(0)
     size, off = (10 * SIDE, 10 * SIDE), 6
-    # 6 pixels of a picture of 1024 are 9 of one of 1600.
+    # 6 pixels in a picture of 1024 pixels are 9 in one of 1600.
     large = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
     true = cv2.resize(hair.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     mask = 255 * grown(true, -round(off * 10 * SIDE / 1024))

@@ -114,7 +114,7 @@ def test_damage(tmp_path: Path, edits: list):
         try:
             read_transforms(path)
         except InputError as error:
-            # Without a size the image is read, which does not exist.
+            # Without a size, the image is read, but it does not exist.
             raise InputError(f"{path}: {str(error).removeprefix(str(path.parent))}") from error
 
     read_or_refuse(tmp_path / "transforms.json", damage(json.dumps(DOCUMENT).encode(), edits), read)

@@ -73,7 +73,7 @@ def test_values_between_0_and_1_are_rounded_to_8_bits(tmp_path, generator):
 
 
 def test_files_are_copied_as_they_are(tmp_path):
-    # Bytes that no encoder would give: a copy does not decode.
+    # No encoder would produce these bytes: files are copied without decoding.
     (tmp_path / "photo.JPG").write_bytes(b"a photograph")
     writer = CaptureWriter(tmp_path / "capture")
     writer.write_view(camera("sub/photo.jpg"), tmp_path / "photo.JPG")

@@ -8,7 +8,7 @@ from neural_strands.cli.main import main
 
 
 def write(folder, images: int):
-    """Three views beside each other, a ball for a head, and as many of the photographs as asked for."""
+    """Three views side by side, a ball as the head, and the requested number of photographs."""
     poses = [[[1.0, 0, 0, 0.1 * k], [0, 1.0, 0, 0], [0, 0, 1.0, 1.0], [0, 0, 0, 1.0]] for k in range(3)]
     frames = [{"file_path": f"{k}.png", "transform_matrix": pose} for k, pose in enumerate(poses)]
     (folder / "transforms.json").write_text(json.dumps({"w": 32, "h": 32, "fl_x": 40.0, "frames": frames}))

@@ -80,7 +80,7 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
 
 
 def chance_scores(groom, true_strands):
-    """F of strands from the fit's roots with the true lengths, straight in random directions."""
+    """F of straight strands from the fit's roots, with the true lengths, in random directions."""
     random = torch.Generator().manual_seed(0)
     heading = torch.nn.functional.normalize(torch.randn(len(groom), 1, 3, generator=random), dim=-1)
     reach = lengths(true_strands).mean() * torch.linspace(0, 1, 24)[:, None]
@@ -235,7 +235,7 @@ def test_evaluate_finds_the_capture_that_was_fitted_and_no_other(tiny, capsys, m
     assert main(["fit", "ball", "run", "--segments", str(tiny / "segments.npz")]) == 0
     monkeypatch.chdir(tiny)
     assert main(["evaluate", "here/run", "--json"]) == 0
-    # Moved together, the run finds the capture; moved alone, it does not.
+    # If both are moved, the run finds the capture; if it is moved alone, it does not.
     (tiny / "here").rename(tiny / "there")
     assert main(["evaluate", "there/run", "--json"]) == 0
     capsys.readouterr()

@@ -195,7 +195,7 @@ sys.exit(main(["info", "a.hair"]))
 
 
 def test_a_request_to_end_is_taken_as_ctrl_c():
-    """Batch systems send SIGTERM before they kill. Background jobs of a shell ignore SIGINT: those just end."""
+    """Batch systems send SIGTERM before they kill. Background jobs of a shell ignore SIGINT and simply end."""
     told = "neural-strands: stopped; finished parts are kept.\n"
     done = subprocess.run([sys.executable, "-c", STOP_WHILE_WORKING], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "kept\n", told)

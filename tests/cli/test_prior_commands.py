@@ -90,7 +90,7 @@ def test_reports_on_files_of_one_name_are_told_apart(
 
 
 def edited_groom(groom: Path, folder: Path, what: str) -> Path:
-    """The groom with one thing wrong with it."""
+    """The groom with one fault."""
     strands = read_groom(groom).strands(100).points.numpy().copy()
     if what == "one point":
         strands = strands[:, :1]

@@ -1,4 +1,4 @@
-"""One head of polygons through every command that reads a head: each sees the same scalp."""
+"""Every command that reads a head finds the same scalp on a head of polygons."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from neural_strands.grooms.io import write_groom
 from neural_strands.scalp.head_file import HeadFile
 
 RINGS, AROUND, SCALP_RINGS = 16, 24, 7
-"""Quads from pole to pole less the caps, quads around, and how many rings of quads below the upper cap are scalp."""
+"""Quads from cap to cap, quads around, and the number of rings of quads below the upper cap that are scalp."""
 
 
 def quad_head(folder):
@@ -38,7 +38,7 @@ def quad_head(folder):
 
 
 def scalp_area():
-    """In square metres: trapezia between circles of chords, and the regular polygon on top."""
+    """The area in square metres: trapezia between the polygons of the rings, and the regular polygon on top."""
     step = math.pi / (RINGS + 1)
     polar = [step * (k + 1) for k in range(SCALP_RINGS + 1)]
     chord = [2 * RADIUS * math.sin(p) * math.sin(math.pi / AROUND) for p in polar]
@@ -81,7 +81,7 @@ def assert_read(read, area):
 
 @pytest.mark.parametrize("given", [False, True])
 def test_commands_on_a_capture_see_the_same_scalp(capture, read, capsys, given):
-    """Each except `check` then fails, in one sentence, at the first other thing that it lacks."""
+    """Each command except `check` then fails, in one sentence, at the next input that is missing."""
     ball, area = str(capture / "ball"), scalp_area()
     head = ["--head", str(capture / "other" / "head.obj")] if given else []
     if given:
@@ -167,7 +167,7 @@ def test_a_head_that_is_not_in_metres_is_refused_in_one_sentence(capture, capsys
 
 
 def test_the_oracle_is_of_the_quads(tmp_path):
-    """Counted as triangles, the same numbers would name a belt about the ball's middle."""
+    """If triangles were counted, the same numbers would name a belt around the middle of the ball."""
     from neural_strands.scalp.mesh_file import read_mesh_file
 
     source = read_mesh_file(quad_head(tmp_path))

@@ -18,7 +18,7 @@ CHANGE = 10
 
 @pytest.fixture
 def ball(tmp_path, monkeypatch):
-    """A capture of six views, and renderings of them that are CHANGE levels too bright in the hair, right elsewhere."""
+    """A capture of six views, and renderings that are CHANGE levels too bright in the hair and correct elsewhere."""
     monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
     write_capture(tmp_path / "ball")
     (tmp_path / "shown").mkdir()

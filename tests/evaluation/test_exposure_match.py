@@ -1,4 +1,4 @@
-"""PSNR of hair at the photograph's exposure, from pixels that are not scored."""
+"""PSNR of hair at the photograph's exposure, which is estimated from pixels that are not scored."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""FLIP: its definition on plain colours, worked out by hand, and what a mask does."""
+"""FLIP: its definition for plain colours, computed by hand, and the effect of a mask."""
 
 import math
 

@@ -53,7 +53,7 @@ def test_half_the_truth_has_full_precision_and_half_recall():
     truth = curtain()
     score = score_geometry(sample_strands(truth[:, :10]), sample_strands(truth))[0]
     assert score.unsigned.precision == 100.0
-    # The first half and one millimetre more: (9/19 of 100 mm + 1 mm) of 201 samples of 0.5 mm.
+    # The first half and one millimetre more: 9/19 of 100 mm + 1 mm, of 201 samples 0.5 mm apart.
     assert score.unsigned.recall == pytest.approx(100 * (9 / 19 * 0.1 + 1e-3) / 0.1, abs=0.5)
     assert score.strand_consistency == pytest.approx(score.unsigned.recall, abs=1.5)
 
@@ -144,7 +144,7 @@ def test_points_inside_a_box_and_distance_of_roots():
         ]
     )
     head = Mesh(vertices, faces)
-    # From 3 mm above the top face (y = 0.1) 10 mm down into the box: 7 mm of it lie inside, 5 mm deeper than 2 mm.
+    # From 3 mm above the top face (y = 0.1), 10 mm downwards: 7 mm lie inside the box, 5 mm of them deeper than 2 mm.
     strand = torch.tensor([[[0.05, 0.103, 0.05], [0.05, 0.093, 0.05]]])
     fit = fit_to_head(sample_strands(strand), head, torch.tensor([6, 7]))
     assert fit.inside == pytest.approx(70, abs=5)

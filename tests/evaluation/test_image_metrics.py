@@ -52,7 +52,7 @@ def test_ssim_equals_scipys_gaussian_windows(generator):
 
 
 def test_ssim_of_constants_in_closed_form(generator):
-    # Without variance only the luminance term is left: (2 a b + C1) / (a^2 + b^2 + C1).
+    # Without variance, only the luminance term remains: (2 a b + C1) / (a^2 + b^2 + C1).
     a, b = torch.full((2, 12, 12, 3), 0.4, dtype=torch.float64), torch.full((2, 12, 12, 3), 0.6, dtype=torch.float64)
     assert ssim(a, b).tolist() == pytest.approx([(2 * 0.24 + 1e-4) / (0.16 + 0.36 + 1e-4)] * 2)
     random, _ = images(generator)

@@ -1,4 +1,4 @@
-"""Quality of views: the metrics themselves over each region, numpy for the alpha map, means by hand."""
+"""Quality of views: compared with the metrics over each region, numpy for the alpha map, and means by hand."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ from neural_strands.evaluation.view_quality import (
 
 
 def rendered_view(generator: torch.Generator, name: str = "front") -> RenderedView:
-    """Noise beside noise, hair in a rectangle."""
+    """Two pictures of noise, with hair in a rectangle."""
     mask = torch.zeros(40, 40)
     mask[10:30, 5:25] = 1.0
     rendered, photograph = torch.rand(2, 40, 40, 3, generator=generator)

@@ -74,7 +74,7 @@ def test_projection_is_the_nearest_flow_without_divergence(generator):
     ours = without_divergence(faces, cells, 1e-10, 500)
     closed = cells.linked.sum(dim=1) == 0
     assert float(ours.sum(dim=1)[~closed].abs().max()) < 1e-8
-    # Independent: minimise the distance within the null space of the divergence.
+    # An independent solution: minimise the distance within the null space of the divergence.
     basis = free_flows(cells)
     kept = basis.flatten(1).norm(dim=1) > 0
     basis = basis[kept]
@@ -89,13 +89,13 @@ def test_projection_is_the_nearest_flow_without_divergence(generator):
 def test_a_flow_that_conserves_hair_already_is_left_alone():
     grid, domain, roots = over_flat_scalp((4, 8, 4))
     field = FlowField(grid, UP.expand(*grid.shape, 3), domain)
-    # Both ends are open: the way out is along the direction, and the way in is by the scalp.
+    # Both ends are open: hair enters through the scalp and leaves along the direction.
     kept = conserve(field, roots, UP.expand(len(roots), 3), 0.0)
     torch.testing.assert_close(kept.directions, field.directions, atol=1e-5, rtol=0)
 
 
 def test_strands_from_a_scalp_fill_the_room_above_it():
-    # A slab of hair, 12 mm high, over a flat scalp; all of it points along the scalp, but for a little lift.
+    # A slab of hair, 12 mm high, over a flat scalp; all of it points along the scalp, slightly upwards.
     spacing = 0.001
     grid = VoxelGrid((0.0005, -0.0015, 0.0005), spacing, (80, 16, 8))
     centres = grid.nodes()
@@ -110,7 +110,7 @@ def test_strands_from_a_scalp_fill_the_room_above_it():
     def upper_half(rounds: int) -> float:
         filled = conserve(field, roots, normals, 0.0, ConservationConfig(rounds=rounds))
         strands = trace_strands(filled, roots, normals, trace)
-        # Each strand counts once, however long it is: its height where it crosses the middle of the window.
+        # Each strand counts once, whatever its length: its height where it crosses the middle of the window.
         beyond = strands[..., 0] > 0.07
         crossing = strands[torch.arange(len(strands)), beyond.int().argmax(dim=1), 1][beyond.any(dim=1)]
         assert len(crossing) > 100
@@ -152,7 +152,7 @@ def test_voxels_under_the_scalp_reach_below_the_domain():
     grid = VoxelGrid((0.5, 0.5, 0.5), 1.0, (5, 8, 5))
     marked = under_scalp(grid, torch.tensor([[2.5, 6.5, 2.5]]), UP[None], 1.0)
     column = marked[2, :, 2]
-    # From the root, in voxel 6, to 2.5 below it, and one voxel about that.
+    # From the root, in voxel 6, to 2.5 voxels below it, and one voxel around that.
     assert column.tolist() == [False, False, False, True, True, True, True, True]
     assert not bool(marked[0].any() or marked[:, :, 4].any())
 

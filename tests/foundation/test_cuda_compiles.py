@@ -13,7 +13,7 @@ import neural_strands
 from neural_strands.foundation.kernels import start_warp
 
 ARCHITECTURES = os.environ.get("NEURAL_STRANDS_CUDA_ARCHITECTURES", "90").split(",")
-"""Of H100 and H200 unless told otherwise; 80 is A100's, 120 that of Blackwell for consumers."""
+"""Those of H100 and H200 by default; 80 is that of A100, 120 that of consumer Blackwell cards."""
 
 
 def modules_with_kernels() -> list[str]:
@@ -34,7 +34,7 @@ def test_the_search_finds_kernels():
 @pytest.mark.parametrize("name", modules_with_kernels())
 def test_kernels_compile_for_cuda(name: str, tmp_path: Path):
     start_warp()
-    # The oldest compute capability that Warp makes code for: newer ones have all that it has.
+    # The oldest compute capability that Warp compiles for; newer ones support everything that it does.
     oldest = min(wp.get_cuda_supported_archs())
     kernels = set(wp.get_module(importlib.import_module(name).__name__).kernels)
     artifacts = wp.compile_aot_module(name, arch=oldest, module_dir=tmp_path, use_ptx=True)

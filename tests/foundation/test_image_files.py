@@ -22,7 +22,7 @@ def encoded(kind: str, size: tuple[int, int] = (7, 5)) -> bytes:
 
 
 def png(width: int, height: int) -> bytes:
-    """A PNG whose header claims this size, and that holds a single byte of pixels."""
+    """A PNG whose header claims this size, with a single byte of pixels."""
 
     def chunk(name: bytes, content: bytes) -> bytes:
         return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))

@@ -1,6 +1,6 @@
 """Warp kernels over torch tensors: the same values as torch, in one piece or split."""
 
-# Warp's array types mean nothing to Python's type checkers.
+# Python's type checkers do not understand Warp's array types.
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 import functools

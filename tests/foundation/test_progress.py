@@ -1,4 +1,4 @@
-"""Progress: a bar on a terminal, a line a minute elsewhere, nothing for short loops."""
+"""Progress: a bar on a terminal, one line per minute elsewhere, nothing for short loops."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Checkpoints are read without trust: tensors and plain values of the structure expected, or one sentence."""
+"""Checkpoints are not trusted: the result is tensors and plain values in the expected structure, or one sentence."""
 
 import io
 import pickle

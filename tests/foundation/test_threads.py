@@ -1,4 +1,4 @@
-"""Idle threads sleep soon in programs, unless the user has chosen otherwise."""
+"""In programs, idle threads soon go to sleep, unless the user has chosen otherwise."""
 
 import os
 import subprocess

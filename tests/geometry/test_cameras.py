@@ -19,7 +19,7 @@ def posed(generator: torch.Generator) -> Camera:
 
 
 def test_projection_by_hand():
-    """A camera at (0, 0, 2) that looks along -z: x right, y up in the world is up in the picture."""
+    """A camera at (0, 0, 2) that looks along -z: x is to the right, and y in the world is up in the picture."""
     camera = Camera.look_at(torch.tensor([0.0, 0, 2]), torch.zeros(3), 100.0, (200, 100))
     pixels, depth = camera.project(torch.tensor([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 1]]))
     expected = torch.tensor([[100.0, 50], [125, 50], [100, 25], [100, 50]])
@@ -63,7 +63,7 @@ def test_opengl_identity_looks_along_minus_z():
 
 
 def test_colmap_by_hand():
-    """A quarter turn about x takes world (0, 0, -1) to camera (0, 1, 0)."""
+    """A rotation by 90 degrees about x takes world (0, 0, -1) to camera (0, 1, 0)."""
     half = math.sqrt(0.5)
     quaternion, translation = torch.tensor([half, half, 0, 0]), torch.tensor([0.0, 0, 4])
     camera = Camera.from_colmap(quaternion, translation, pinhole(100.0, (20, 20)), (20, 20))

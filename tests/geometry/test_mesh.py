@@ -1,4 +1,4 @@
-"""Meshes: a tetrahedron by hand, a sphere by its formula."""
+"""Meshes: a tetrahedron computed by hand, a sphere by its formula."""
 
 import math
 

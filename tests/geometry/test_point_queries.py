@@ -42,7 +42,7 @@ def test_any_cell_size_gives_the_same_answer(seed, spread, cell):
     distance, index = nearest(queries, PointGrid.build(points, radius, cell * radius), radius)
     expected_distance, expected_index = nearest_reference(queries, points, radius)
     same = (index == expected_index) | ((distance - expected_distance).abs() <= 1e-6 * distance)
-    # Only a distance that equals the radius to rounding may be judged either way.
+    # Only a distance that equals the radius up to rounding may be judged either way.
     at_radius = (torch.minimum(distance, expected_distance) - radius).abs() < 1e-5 * radius
     assert (same | at_radius).all()
 
@@ -84,7 +84,7 @@ def test_two_clusters_a_kilometre_apart(generator):
     near = torch.rand(500, 3, generator=generator) * 0.01
     points = torch.cat([near, near.double().add(1000.0).float()])
     distance, index = nearest(points, points, 1e-3)
-    # Far out float32 rounds several points onto one: the distance is what must agree.
+    # Far from the origin, float32 rounds several points to one, so only the distances must agree.
     assert (distance == 0).all()
     assert torch.equal(points[index], points)
     assert torch.equal(nearest(near, points, 1e-3)[1], torch.arange(500))

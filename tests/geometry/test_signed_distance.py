@@ -41,7 +41,7 @@ def test_cube_matches_its_closed_form(device, generator):
     found = signed_distance(points, cube().to(device))
     torch.testing.assert_close(found.distance, cube_distance(points), atol=1e-5, rtol=0)
     torch.testing.assert_close(found.normal.norm(dim=-1), torch.ones(5000, device=device))
-    # Walking the distance back along the normal ends on the surface.
+    # Going back along the normal by the distance ends on the surface.
     foot = points - found.distance[:, None] * found.normal
     torch.testing.assert_close(foot, found.closest, atol=1e-5, rtol=0)
 
@@ -110,7 +110,7 @@ def test_winding_number_of_a_closed_mesh_is_one_inside_and_zero_outside(generato
 
 
 def test_open_bust_keeps_its_sign_about_the_head(generator):
-    """The mannequin without its bottom: no sign changes above the neck."""
+    """The mannequin without its bottom: above the neck, no sign changes."""
     mesh = mannequin().mesh
     high = (mesh.corners()[..., 1] > -0.26).all(dim=-1)
     open_bust = Mesh(mesh.vertices, mesh.faces[high])
@@ -143,7 +143,7 @@ def test_grid_is_close_to_the_mesh_and_to_its_twin(generator):
     gradients = [torch.autograd.grad((v * weights).sum(), points)[0] for v in (value, twin)]
     torch.testing.assert_close(gradients[0], gradients[1], atol=1e-4, rtol=0)
     within = (points.abs() < 0.125).all(dim=-1)
-    # Trilinear error is at most the distance within a cell where the field has creases.
+    # Where the field has creases, the trilinear error is at most the distance within a cell.
     assert (value - cube_distance(points, 0.2))[within].abs().max() < 0.005
     assert (value - cube_distance(points, 0.2))[within].abs().mean() < 0.0005
 
@@ -178,7 +178,7 @@ def test_nodes_of_a_grid_have_the_sign_of_the_winding_number(spacing):
 
 @pytest.mark.parametrize("depth", [0.002, 0.02])
 def test_a_grid_knows_what_lies_deeper_as_exactly_as_the_mesh(generator, depth):
-    """Also about an open neck, where the sign changes far from any surface."""
+    """Also around an open neck, where the sign changes far from any surface."""
     whole = mannequin().mesh
     mesh = Mesh(whole.vertices, whole.faces[(whole.corners()[..., 1] > -0.26).all(dim=-1)])
     grid = SignedDistanceGrid.build(mesh, 0.006)
@@ -190,7 +190,7 @@ def test_a_grid_knows_what_lies_deeper_as_exactly_as_the_mesh(generator, depth):
 
 
 def test_far_from_the_surface_a_grid_may_be_interpolated():
-    """Near it every node is exact, also about an open neck; elsewhere it is off by no more than a wide cell."""
+    """Near it, every node is exact, also around an open neck; elsewhere, the error is at most a wide cell."""
     whole = mannequin().mesh
     mesh = Mesh(whole.vertices, whole.faces[(whole.corners()[..., 1] > -0.26).all(dim=-1)])
     grid = SignedDistanceGrid.build(mesh, 0.006, exact_within=0.01)

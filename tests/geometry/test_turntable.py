@@ -1,4 +1,4 @@
-"""Cameras on a circle: where they stand, and that they see what they turn around."""
+"""Cameras on a circle: their positions, and that they see what is in the middle."""
 
 import pytest
 import torch

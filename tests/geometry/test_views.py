@@ -1,4 +1,4 @@
-"""Views: what is read and when, and that parts, reductions and selections belong to their cameras."""
+"""Views: what is read and when, and that parts, reductions and selections match their cameras."""
 
 import pytest
 import torch

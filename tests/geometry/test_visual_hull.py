@@ -68,8 +68,8 @@ def test_views_see_what_faces_them_before_the_head(device):
     points = torch.tensor([[0.0, 0.0, 0.05], [0.0, 0.0, 0.05], [0.0, 0.0, 0.05], [0.0, 0.0, -0.05], [0.0, 5.0, 0.0]])
     outward = torch.stack([towards, away, up, towards, towards])
     found = views_that_see(points.to(device), outward.to(device), views, 0.2)
-    # Before the wall, facing; facing away; seen too much from the side; behind the wall; beyond the pictures.
+    # In front of the wall; facing away; seen too much from the side; behind the wall; outside the pictures.
     assert found.tolist() == [3, 0, 0, 0, 0]
-    # The middle camera, 10 cm higher and 95 cm away, sees what points up under a cosine of 0.105.
+    # The middle camera, 10 cm higher and 95 cm away, sees what points upwards with a cosine of 0.105.
     assert views_that_see(points[2:3].to(device), outward[2:3].to(device), views[1:2], 0.1).tolist() == [1]
     assert views_that_see(points[2:3].to(device), outward[2:3].to(device), views[1:2], 0.11).tolist() == [0]

@@ -90,7 +90,7 @@ def test_a_cut_strand_is_not_thinned_at_its_cut(camera):
 @pytest.mark.parametrize("width", [0.3, 1.0, 2.6])
 @pytest.mark.parametrize("slope", [0.0, 0.7, -1.9])
 def test_a_strand_covers_its_area(camera, width, slope):
-    """Length times width, in pixels, on average over where it lies; half of it where all of it thins to the tip."""
+    """Length times width, in pixels, averaged over its positions; half of that for a strand that is all tip."""
     config = LineConfig(width=width / 100)
     ends = torch.tensor([[8.0, 16.0], [28.0, 16.0]]) if abs(slope) < 1 else torch.tensor([[20.0, 6.0], [20.0, 26.0]])
     if abs(slope) < 1:
@@ -172,7 +172,7 @@ def test_occluder_hides_what_lies_deeper_than_its_bias(camera):
 
 
 def test_a_line_through_the_camera_is_cut_at_the_near_plane(camera):
-    """It recedes along a pixel row from beside the camera: it fills the row up to the border of the image."""
+    """A line that recedes along a pixel row from beside the camera fills the row up to the border of the image."""
     points = torch.tensor([[[0.3, 0.0, 1.5], [0.0, 0.0, 0.0]]])
     buffer = rasterise_lines(points, camera)
     rows, columns = torch.nonzero(buffer.segment == 0).unbind(1)

@@ -19,7 +19,7 @@ KERNEL = LowPass().coefficients()
 
 
 def naive_upsample(row: list[float], kernel: list[float], factor: int) -> list[float]:
-    """Each input sample adds its scaled kernel, centred where pixel areas say."""
+    """Each input sample adds its scaled kernel, centred according to the areas of the pixels."""
     fine = [0.0] * (len(row) * factor)
     shift = (len(kernel) - factor) // 2
     for i, value in enumerate(row):

@@ -55,7 +55,7 @@ def test_backward_is_the_plain_gradient_blurred(generator, device, sigma):
 
 
 def naive_blur(image, sigma):
-    """The taps of the discrete Gaussian over an image mirrored at its borders as often as it takes."""
+    """The taps of the discrete Gaussian over an image that is mirrored at its borders as often as needed."""
     radius = math.ceil(8 * sigma) + 2
     taps = torch.from_numpy(scipy.special.ive(abs(np.arange(-radius, radius + 1)), sigma**2))
     for axis in (0, 1):

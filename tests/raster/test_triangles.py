@@ -24,7 +24,7 @@ def double(camera):
 
 @pytest.mark.parametrize("distance", [1.5, 0.4, 0.0])
 def test_agrees_with_ray_casting(generator, device, distance):
-    """From outside, and from within triangles that reach behind the camera."""
+    """Seen from outside, and from inside triangles that reach behind the camera."""
     camera = Camera.look_at(torch.tensor([0.1, 0.2, distance]), torch.tensor([0.0, 0.0, -1.0]), 60.0, (53, 41))
     vertices, faces = soup(generator)
     found = rasterise_triangles(vertices.to(device), faces.to(device), camera.to(device))

@@ -62,7 +62,7 @@ def test_a_stored_t_is_blended_between_the_ends(generator, camera, factor):
 
 @pytest.mark.parametrize("factor", [2, 3, 4])
 def test_line_pixels_of_an_image_pixel_are_gathered(generator, device, factor):
-    """Against sets: a part of two segments in a pixel is one point, in the middle of the line pixels that see it."""
+    """Compared with sets: a part of two segments in a pixel is one point, in the middle of its line pixels."""
     camera = Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 120.0, SIZE)
     points, fine = wavy(generator), camera.resized(SIZE[0] * factor, SIZE[1] * factor)
     buffer = rasterise_lines(points.to(device), fine.to(device), config=LineConfig(width=0.004))
@@ -84,7 +84,7 @@ def test_line_pixels_of_an_image_pixel_are_gathered(generator, device, factor):
 
 
 def test_gathered_points_lie_where_they_are_seen(generator, camera):
-    """Straight strands: within the pixel, but for half the strand's width."""
+    """Straight strands: the point is inside the pixel, or beyond it by at most half the strand's width."""
     ends = torch.randn(60, 2, 1, 3, generator=generator) * 0.1
     points = torch.lerp(ends[:, 0], ends[:, 1], torch.linspace(0, 1, 10)[None, :, None])
     buffer = rasterise_lines(points, camera.resized(SIZE[0] * 3, SIZE[1] * 3), config=LineConfig(width=0.004))

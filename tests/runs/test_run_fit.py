@@ -76,7 +76,7 @@ def test_a_capture_that_is_harmed_under_a_fit_costs_nothing_of_it(request_of, mo
     take, steps = fit_module._take_step, itertools.count()
 
     def harmed(state, data, *rest):
-        # The forecast takes steps too, before there is a run.
+        # The forecast also takes steps, before the run exists.
         if request_of("run").out.joinpath("run.json").is_file() and next(steps) == 4:
             if harm == "vanishes":
                 shutil.rmtree(images)
@@ -85,7 +85,7 @@ def test_a_capture_that_is_harmed_under_a_fit_costs_nothing_of_it(request_of, mo
                     path.write_bytes((images / "000.png").read_bytes() + b"\0")
         take(state, data, *rest)
 
-    # Nothing stays decoded, as with photographs that are larger than the cache.
+    # No decoded photograph is kept, as if they were larger than the cache.
     load = Capture.load
     monkeypatch.setattr(Capture, "load", lambda folder: load(folder, 0))
     with monkeypatch.context() as patch:

@@ -65,7 +65,7 @@ def test_the_trial_finds_the_speed_of_the_machine(capture, monkeypatch, caplog):
     monkeypatch.setattr(stereo_trial, "reconstruct", machine.reconstruct)
     slow_reading(machine, monkeypatch)
     found = stereo_seconds(capture, find_head(capture), FitConfig(), CPU, machine.clock)
-    # Of 25 views 5 are held out.
+    # Of the 25 views, 5 are held out.
     assert found == pytest.approx(20 * (SECONDS_A_PHOTOGRAPH + SECONDS_A_PIXEL * 256 * 256))
     assert machine.rounds == [3 * [(96, 96)], 9 * [(96, 96)]]
     assert caplog.text == ""

@@ -1,4 +1,4 @@
-"""Charts: injective for any set of faces, near to isometric on scalps; overlaps found and named."""
+"""Charts: injective for any set of faces, nearly isometric on scalps; overlaps are found and named."""
 
 import json
 

@@ -209,7 +209,7 @@ def test_mannequin_is_watertight_symmetric_and_head_sized():
     edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     size = len(head.mesh.vertices)
     forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
-    # Every directed edge once, and its opposite once: closed, manifold, consistently turned.
+    # Every directed edge occurs once, and so does its opposite: closed, manifold, and consistently oriented.
     assert len(forward.unique()) == len(forward)
     assert torch.equal(forward.sort().values, backward.sort().values)
     corners = head.mesh.corners().double()
@@ -266,7 +266,7 @@ def test_other_formats_keep_their_order(tmp_path):
 
 @pytest.mark.parametrize("kind", ["ascii 1.0", "binary_little_endian 1.0"])
 def test_polygons_of_a_ply_are_counted_as_in_the_file(quads, tmp_path, kind):
-    """Two quads, as trimesh would cut them: both first halves, then both second halves."""
+    """Two quads, split as trimesh splits them: both first halves, then both second halves."""
     table = read_mesh_file(quads).mesh
     polygons = np.array([[0, 1, 2, 3], [3, 2, 4, 5]], dtype="<i4")
     header = f"ply\nformat {kind}\nelement vertex 7\n" + "".join(f"property float {name}\n" for name in "xyzst")

@@ -46,7 +46,7 @@ def test_count_must_be_positive():
 
 
 def test_blue_noise_statistics():
-    """In a random sample the nearest neighbour lies at 0.5 / sqrt(density) with a spread of 52 %; here neither."""
+    """In a random sample, the nearest neighbour is 0.5 / sqrt(density) away, with a spread of 52 %; blue noise differs."""
     head, count = square_head(), 4000
     gaps = nearest(sample_roots(head, count, seeded()).position)
     hexagonal = math.sqrt(2 / (math.sqrt(3) * count))
@@ -61,7 +61,7 @@ def test_density_is_even_over_the_scalp():
     head, count = mannequin(), 20_000
     roots = sample_roots(head, count, seeded())
     centres = head.scalp_mesh.corners().mean(dim=1)
-    # Patches of about a fiftieth of the scalp each, by area and by roots.
+    # Patches of about a fiftieth of the scalp each: their shares of the area and of the roots.
     seeds = KDTree(sample_roots(head, 50, seeded(1)).position.numpy())
     share = torch.zeros(50).index_add(0, torch.from_numpy(seeds.query(centres.numpy())[1]), face_areas(head.scalp_mesh))
     found = torch.bincount(torch.from_numpy(seeds.query(roots.position.numpy())[1]), minlength=50) / count

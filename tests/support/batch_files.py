@@ -21,7 +21,7 @@ def in_toml(value: object) -> str:
 
 
 def write_subjects(path: Path, tables: Mapping[str, Mapping[str, object]], **config: object) -> Path:
-    """A file of subjects that are fitted with tiny settings, one core a task."""
+    """A file of subjects that are fitted with tiny settings, with one core per task."""
     demand = {"cores": 1, "memory": 0.5}
     lines = [f"defaults.config = {in_toml(asdict(tiny_config(**config)))}"]
     lines += [f"resources.{stage} = {in_toml(demand)}" for stage in ("prepare", "lmvs", "fit", "evaluate")]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from neural_strands.foundation.errors import InputError
 
 CLAIMS = [0, 1, 0x7FFFFFFF, 0xEE6B2800, 0xFFFFFFFF, 0x7FC00000, 2**40, 2**63 - 1]
-"""Counts and a NaN that a field may be overwritten with."""
+"""Counts and a NaN with which a field may be overwritten."""
 WORDS = [b"4000000000", b"-1", b"nan", b"1e999", b"", b"l", b"/", b"null", b'"', b"[", b"{", b"\\u0000", b"\x00"]
 """Text that may stand in place of a number."""
 EDIT = st.tuples(
@@ -48,13 +48,13 @@ def merged(values: dict, changes: dict) -> dict:
 
 
 def fuzz(examples: int) -> Callable[[Callable], Callable]:
-    """The same examples in every run, in the given number."""
+    """A given number of examples, the same in every run."""
     checks = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
     return settings(max_examples=examples, deadline=None, suppress_health_check=checks, derandomize=True, database=None)
 
 
 def read_or_refuse(path: Path, content: bytes, read: Callable[[Path], object], most: int = 8_000_000) -> str:
-    """Read a file of this content: whatever it is, there is a result or one sentence, and no huge allocation."""
+    """Read a file with this content: the outcome is a result or one sentence, without a huge allocation."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
     tracemalloc.start()

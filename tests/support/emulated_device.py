@@ -9,7 +9,7 @@ To torch's C++ a `DeviceTensor` is a CPU tensor, because a CPU build has no auto
 sees the device. So whatever names a device passes through `_Devices`, and every operation through `run`.
 """
 
-# Tensors, functions and arrays are given what their own classes do not declare.
+# Tensors, functions and arrays get attributes that their classes do not declare.
 # pyright: reportAttributeAccessIssue=false, reportIncompatibleVariableOverride=false, reportArgumentType=false
 # pyright: reportAssignmentType=false
 
@@ -34,7 +34,7 @@ CUDA, CPU = torch.device("cuda", 0), torch.device("cpu")
 aten = torch.ops.aten
 
 INDEXING = {aten.index.Tensor, aten.index_put.default, aten.index_put_.default, aten._index_put_impl_.default}
-"""Indices of these may lie on the CPU, beside data on the device."""
+"""The indices of these operations may be on the CPU while the data are on the device."""
 NO_SCALARS = {
     aten.cat.default,
     aten.stack.default,
@@ -51,7 +51,7 @@ NO_SCALARS = {
     aten.index_copy.default,
     aten.embedding.default,
 }
-"""These refuse even a CPU tensor of no dimension, which others take as a number."""
+"""These refuse even a CPU tensor without dimensions, which other operations treat as a number."""
 WAITS = {
     aten._local_scalar_dense.default,
     aten.nonzero.default,
@@ -112,7 +112,7 @@ class DeviceTensor(Tensor):
         return f"DeviceTensor({self.held!r})"
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Saved as plain tensors are; `load` of this module puts it where `map_location` says."""
+        """Saved like plain tensors; `load` of this module moves it to `map_location`."""
         return self.held.detach().__reduce_ex__(protocol)
 
     @classmethod
@@ -125,7 +125,7 @@ def on_device(value: Any) -> bool:
 
 
 def run(func: Any, args: Any, kwargs: dict[str, Any]) -> Any:
-    """One operation with a device tensor in it: devices checked, the CPU's numbers, wrapped again."""
+    """One operation on a device tensor: devices are checked, the CPU computes, and the result is wrapped again."""
     if func is aten._has_compatible_shallow_copy_type.default:
         return False
     _check(func, args, kwargs)
@@ -188,7 +188,7 @@ def moved(tensor: Tensor, to_device: bool) -> Tensor:
 
 
 class _Devices(TorchFunctionMode):
-    """Answers every call that names a device or that asks for memory."""
+    """Handles every call that names a device or allocates memory."""
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})
@@ -245,7 +245,7 @@ def from_torch(tensor: Tensor, *args: Any, **kwargs: Any) -> wp.array:
 
 
 def launch(kernel: Any, dim: Any, inputs: Any, device: Any, stream: Any = None) -> None:
-    """A launch on the CPU, refused where an array lies on another device."""
+    """A launch on the CPU, refused if an array is on another device."""
     here = device is _WARP_DEVICE
     for value in inputs:
         if isinstance(value, wp.array) and value.emulated != here:
@@ -256,14 +256,14 @@ def launch(kernel: Any, dim: Any, inputs: Any, device: Any, stream: Any = None) 
     operations[f"warp {kernel.key}"] += here
     middle = dim // 2 if here and kernel.adj.args[0].label.startswith(("start", "first")) else 0
     if middle:
-        # Kernels that may be split do not mind the order of their items; CUDA has none.
+        # Kernels that may be split must not depend on the order of their items, because CUDA has none.
         _launch(kernel, dim=dim - middle, inputs=[middle, *inputs[1:]], device="cpu")
         inputs, dim = [0, *inputs[1:]], middle
     _launch(kernel, dim=dim, inputs=inputs, device="cpu")
 
 
 def device_from_torch(device: torch.device | str) -> Any:
-    """As Warp's, which takes no device without an index."""
+    """Like Warp's function, which refuses a device without an index."""
     device = torch.device(device)
     if device.type == "cuda" and device.index is None:
         raise TypeError("list indices must be integers or slices, not NoneType")
@@ -329,12 +329,12 @@ def emulated_cuda() -> Iterator[torch.device]:
         (torch.cuda, "synchronize", lambda *_: None),
         (torch.cuda, "reset_peak_memory_stats", lambda *_: None),
         (torch.cuda, "max_memory_allocated", lambda *_: 0),
-        # A parameter that moves is a new one: its memory cannot be swapped for a wrapper's.
+        # A parameter that is moved becomes a new one, because its memory cannot be replaced by that of a wrapper.
         (torch.__future__, "get_overwrite_module_params_on_conversion", lambda: True),
         (torch.autograd, "_engine_run_backward", _run_backward),
         (torch, "load", load),
         (torch, "autocast", _Autocast),
-        # Wrappers have no inference tensors.
+        # Wrappers do not support inference tensors.
         (torch, "inference_mode", torch.no_grad),
         (wp, "from_torch", from_torch),
         (wp, "launch", launch),

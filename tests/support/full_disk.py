@@ -8,7 +8,7 @@ import pytest
 
 @contextmanager
 def smallest_files(most: int) -> Iterator[None]:
-    """Within the block a write beyond `most` bytes of a file fails, as on a full disk (EFBIG in place of ENOSPC)."""
+    """Within the block, writing more than `most` bytes to a file fails, as on a full disk (EFBIG instead of ENOSPC)."""
     resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))

@@ -15,18 +15,18 @@ from types import FrameType
 from neural_strands.foundation.errors import InputError
 
 SECONDS = 10.0
-"""A reader that takes more of a processor hangs."""
+"""A reader that takes more processor time than this counts as hanging, seconds."""
 STUCK = 60.0
-"""A reader that has not come back after so many seconds hangs, however busy the machine is."""
+"""A reader that has not returned after so many seconds counts as hanging, however busy the machine is."""
 TIMES_THE_FILE = 10
-"""A refused file may cost this many times its own size, and `SLACK`."""
+"""To refuse a file, a reader may use this many times its size in memory, and `SLACK`."""
 SLACK = 32 * 2**20
-"""Bytes that any file may cost: libraries that are loaded late, and what they keep for the next time."""
+"""Bytes that any file may cost, for libraries that are loaded late and for what they keep."""
 LONGEST_SENTENCE = 1000
 
 
 class HangError(BaseException):
-    """A reader took too long. No `Exception`, so that no reader takes it for damage."""
+    """A reader took too long. Not an `Exception`, so that no reader mistakes it for damage."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def give(read: Callable[[Path], object], path: Path) -> Outcome:
 
 
 def _processor_seconds() -> float:
-    """Of this process and of those that it has started."""
+    """Processor seconds of this process and of those that it has started."""
     return sum(os.times()[:4])
 
 
@@ -110,7 +110,7 @@ def _alarm() -> Iterator[None]:
         raise HangError
 
     earlier = signal.signal(signal.SIGALRM, ring)
-    # Whoever set an alarm before, as a test runner does, keeps it.
+    # An alarm that was set before, for instance by a test runner, is kept.
     remaining, _ = signal.setitimer(signal.ITIMER_REAL, STUCK)
     try:
         yield
@@ -121,7 +121,7 @@ def _alarm() -> Iterator[None]:
 
 
 def _reset_resident() -> int | None:
-    """Let Linux forget the process's greatest size, and return its size now; None elsewhere."""
+    """Reset Linux's record of the process's largest size, and return its size now; None on other systems."""
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:
@@ -130,6 +130,6 @@ def _reset_resident() -> int | None:
 
 
 def _resident(name: str) -> int:
-    """A size of this process in bytes, as Linux has it."""
+    """A size of this process in bytes, as Linux reports it."""
     status = Path("/proc/self/status").read_text()
     return 1024 * int(status.partition(f"{name}:")[2].split(maxsplit=1)[0])

@@ -37,7 +37,7 @@ CANVAS_ALONE = "*:not(:has(canvas)):not(canvas) { visibility: hidden !important;
 HARMLESS = "Unable to preventDefault inside passive event listener"
 """Chromium prints this about viser's drags, without consequences."""
 PATIENCE = 240.0
-"""Seconds until something counts as never happening, on a machine that may be busy with other tests."""
+"""Seconds after which something counts as not happening, on a machine that may be busy with other tests."""
 BETWEEN_LOOKS = 0.1
 """Seconds between two checks of a page."""
 
@@ -77,7 +77,7 @@ class Tab:
         raise AssertionError(f"the page did not show what was expected within {PATIENCE} s")
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
-        """Wait until something holds, while the browser goes on."""
+        """Wait until something is true, while the browser keeps running."""
         end = time.monotonic() + PATIENCE
         while not condition():
             assert time.monotonic() < end, f"what was expected did not happen within {PATIENCE} s"
@@ -90,7 +90,7 @@ class Tab:
         field.press("Enter")
 
     def drag(self, right: int, down: int, steps: int = 8) -> None:
-        """Drag the canvas by pixels, beginning where neither panel nor notices lie."""
+        """Drag the canvas by pixels, starting where there are neither panels nor notices."""
         size = self.page.viewport_size
         assert size is not None
         x, y = size["width"] // 4, size["height"] * 2 // 3

@@ -29,7 +29,7 @@ CLAIMS = [
     2**63 - 1,
     2**64 - 1,
 ]
-"""Counts, and a NaN, that a binary field may be overwritten with."""
+"""Counts and a NaN with which a binary field may be overwritten."""
 WORDS = [b"4000000000", b"-1", b"0", b"nan", b"inf", b"1e999", b"1e-320", b"", b"l", b"/", b"null", b'"', b"[", b"{"]
 """Text in place of a number."""
 ODD_VALUES: list[Any] = [
@@ -127,7 +127,7 @@ def _claim(random: Random, content: bytes) -> bytes:
 
 
 def _number(random: Random, content: bytes) -> bytes:
-    """One of the numbers of a text becomes another, or no number."""
+    """One of the numbers in a text is replaced by another, or by something else."""
     start = _place(random, content)
     found = NUMBER.search(content, start) or NUMBER.search(content)
     if found is None:
@@ -196,7 +196,7 @@ def _archive(random: Random, content: bytes) -> bytes:
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w") as archive:
         for each, data in members:
-            # Without a date of its own a member gets the present one.
+            # A member without a date would get the present one.
             archive.writestr(zipfile.ZipInfo(each.filename), data, each.compress_type)
     return written.getvalue()
 

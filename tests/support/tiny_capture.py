@@ -1,4 +1,4 @@
-"""A ball of a head with combed hair, photographed by our own rasteriser: small enough to fit in seconds."""
+"""A ball as the head, with combed hair, photographed by our own rasteriser: small enough to fit in seconds."""
 
 import json
 import math
@@ -30,7 +30,7 @@ def ball() -> trimesh.Trimesh:
 
 
 def combed_strands(count=400, points=20) -> torch.Tensor:
-    """Strands from the upper half of the ball that hug it and hang: closed forms, no randomness but a fixed seed."""
+    """Strands from the upper half of the ball that follow it and hang: closed forms, random only by a fixed seed."""
     random = torch.Generator().manual_seed(3)
     azimuth = 2 * math.pi * torch.rand(count, generator=random)
     start = torch.rand(count, generator=random) * 0.9 + 0.1
