@@ -46,7 +46,7 @@ def test_count_must_be_positive():
 
 
 def test_blue_noise_statistics():
-    """In a random sample, the nearest neighbour is 0.5 / sqrt(density) away, with a spread of 52 %; blue noise differs."""
+    """In a random sample, the nearest neighbour is 0.5 / sqrt(density) away, with a spread of 52 %; here not."""
     head, count = square_head(), 4000
     gaps = nearest(sample_roots(head, count, seeded()).position)
     hexagonal = math.sqrt(2 / (math.sqrt(3) * count))
