@@ -45,7 +45,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
         model.shading.mean.copy_(mean)
         model.shading.decode[:, :3] = torch.eye(3, device=mean.device)
         knots = model.textures.appearance.unflatten(2, (model.textures.knots, -1))
-        knots[..., :3] = filled(total, share)[:, :, None]
+        knots[..., :3] = fill_texture(total, share)[:, :, None]
 
 
 @torch.no_grad()
@@ -77,17 +77,17 @@ def scatter_to_texture(
     return sums[..., :-1], sums[..., -1:]
 
 
-def filled(
+def fill_texture(
     total: Float[Tensor, "height width channel"], weight: Float[Tensor, "height width 1"]
 ) -> Float[Tensor, "height width channel"]:
-    """Weighted means, with gaps filled from coarser and coarser halvings of the image."""
+    """Weighted means of texels that have any weight; the others are filled from coarser and coarser halvings."""
     mean = total / weight.clamp(min=TINY)
     if min(total.shape[:2]) < 2:
         return mean
     coarse_total, coarse_weight = (
         F.avg_pool2d(image.permute(2, 0, 1)[None], 2, ceil_mode=True)[0].permute(1, 2, 0) for image in (total, weight)
     )
-    coarse = filled(coarse_total, coarse_weight).permute(2, 0, 1)[None]
+    coarse = fill_texture(coarse_total, coarse_weight).permute(2, 0, 1)[None]
     around = F.interpolate(coarse, size=total.shape[:2], mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
     return torch.where(weight > TINY, mean, around)
 
@@ -117,7 +117,7 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
             if weight.sum() <= TINY:
                 continue
             if colour.dim() == 3:
-                colour.copy_(filled(total, weight[..., :1]))
+                colour.copy_(fill_texture(total, weight[..., :1]))
             else:
                 mean = total.sum(dim=0) / weight.sum(dim=0)
                 colour.copy_(torch.where(weight > TINY, total / weight.clamp(min=TINY), mean))

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.fitting.first_colours import filled
+from neural_strands.fitting.first_colours import fill_texture
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
@@ -36,7 +36,7 @@ def fill_unseen_appearance(model: HairModel, strands: Strands, targets: Views | 
         weight = seen[:, :, knot, None].to(knots)
         if bool(weight.any()):
             own = knots[:, :, knot]
-            own.copy_(torch.where(weight > 0, own, filled(own * weight, weight)))
+            own.copy_(torch.where(weight > 0, own, fill_texture(own * weight, weight)))
 
 
 @torch.enable_grad()

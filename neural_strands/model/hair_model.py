@@ -328,7 +328,7 @@ class HairModel(nn.Module):
         half = self.config.mixed_precision and device == "cuda"
         with torch.autocast(device, torch.bfloat16, enabled=half):
             raw = self.unet([values.permute(2, 0, 1)[None] for values in pyramid])
-        shaded = filled_from_below([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
+        shaded = filled_from_coarser([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
         return raw[0].permute(1, 2, 0).float() + functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
 
     def _pixel_channels(
@@ -355,7 +355,7 @@ def _encoded(features: Float[Tensor, "channel height width"]) -> Float[Tensor, "
     return torch.cat([descriptor, to_srgb(colour)], dim=2)
 
 
-def filled_from_below(
+def filled_from_coarser(
     pyramid: list[Float[Tensor, "channel _ _"]], coverages: list[Float[Tensor, "_ _"]]
 ) -> Float[Tensor, "channel height width"]:
     """The finest of the splatted maps, with gaps filled from the next coarser map, and so on."""

@@ -5,7 +5,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from neural_strands.fitting.first_colours import filled, initialise_colours, photographed_colours, scatter_to_texture
+from neural_strands.fitting.first_colours import (
+    fill_texture,
+    initialise_colours,
+    photographed_colours,
+    scatter_to_texture,
+)
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
@@ -65,10 +70,10 @@ def test_spreading_is_the_transpose_of_sampling(generator):
 def test_filling_keeps_what_is_known_and_constants_everywhere(generator):
     weight = (torch.rand(9, 13, 1, generator=generator) > 0.8).float()
     values = torch.randn(9, 13, 2, generator=generator)
-    result = filled(values * weight, weight)
+    result = fill_texture(values * weight, weight)
     torch.testing.assert_close(result[weight[..., 0] > 0], values[weight[..., 0] > 0])
     assert result.isfinite().all()
-    torch.testing.assert_close(filled(3 * weight.expand(-1, -1, 2), weight), torch.full((9, 13, 2), 3.0))
+    torch.testing.assert_close(fill_texture(3 * weight.expand(-1, -1, 2), weight), torch.full((9, 13, 2), 3.0))
 
 
 def test_first_colours_are_those_of_the_pixels(scene, generator):

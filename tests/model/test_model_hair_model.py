@@ -22,7 +22,7 @@ from neural_strands.model.hair_model import (
     MOST_OPACITY,
     HairModel,
     HairModelConfig,
-    filled_from_below,
+    filled_from_coarser,
 )
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
@@ -276,7 +276,7 @@ def test_body_and_background_learn_where_they_are_told_to(generator):
 def test_gaps_show_the_next_coarser_map(generator):
     pixels, colours = torch.rand(30, 2, generator=generator) * 32, torch.full((30, 3), 0.7)
     maps = splat_pyramid(pixels, colours, (31, 33), 5)
-    image = filled_from_below([m.features for m in maps], [m.coverage for m in maps])
+    image = filled_from_coarser([m.features for m in maps], [m.coverage for m in maps])
     whole = maps[0].coverage >= MINIMUM_WEIGHT
     assert whole.float().mean() < 0.2
     torch.testing.assert_close(image[:, whole], maps[0].features[:, whole])
