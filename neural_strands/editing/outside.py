@@ -79,7 +79,11 @@ def follow_outside_reference(
         for _ in range(ROUNDS):
             distance, outward = body.with_outward(target)
             missing = (clearance[:, k + 1] - distance)[:, None]
-            turned = torch.nn.functional.normalize(target + missing * outward - points[-1], dim=-1)
-            target = torch.where(missing > 0, points[-1] + length * turned, target)
+            step = target - points[-1]
+            up = (step * outward).sum(dim=-1, keepdim=True)
+            flat = torch.nn.functional.normalize(step - up * outward, dim=-1)
+            up = torch.minimum(up + missing, length)
+            raised = up * outward + (length.square() - up.square()).clamp(min=0.0).sqrt() * flat
+            target = torch.where(missing > 0, points[-1] + raised, target)
         points.append(target)
     return torch.stack(points, dim=1)

@@ -35,6 +35,18 @@ def test_steps_that_lead_inside_are_turned(ball):
         assert (points[:, 1:].norm(dim=-1) > RADIUS - 1e-3).all()
 
 
+def test_steps_straight_at_the_body_end_above_it(ball, generator):
+    outward = torch.nn.functional.normalize(torch.randn(500, 3, generator=generator), dim=1)
+    # From 4.5 mm above the surface 5 mm down, exactly or slanting by up to 0.3.
+    aside = torch.randn(500, 3, generator=generator) * torch.linspace(0, 0.3, 500)[:, None] ** 4
+    steps = 0.005 * torch.nn.functional.normalize(aside - outward, dim=1)[:, None]
+    roots = (RADIUS + 0.0045) * outward
+    points = follow_outside(roots, steps, ball, torch.full((500, 2), CLEARANCE))
+    # The ball's faces lie up to 0.2 mm inside its sphere.
+    assert (points[:, 1].norm(dim=1) > RADIUS + CLEARANCE - 2e-4).all()
+    assert torch.allclose(segments(points).norm(dim=-1), torch.tensor(0.005), rtol=1e-4)
+
+
 def test_steps_outside_are_followed_as_they_are(ball):
     strands = Hair.of(tiny_hair_model()).strands
     clearance = rest_clearance(strands.points, ball)

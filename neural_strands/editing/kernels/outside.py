@@ -14,6 +14,23 @@ STEEPEST = wp.constant(1.75)
 """Largest slope of trilinearly interpolated distances: at most 1 along each axis, so the square root of 3 in total."""
 
 
+@wp.func
+@no_type_check
+def raised(step: wp.vec3, outward: wp.vec3, missing: float) -> wp.vec3:
+    """A step rotated towards the unit vector `outward`, so that it ends higher by `missing` if it is long enough."""
+    length = wp.length(step)
+    up = wp.dot(step, outward)
+    flat = step - up * outward
+    aside = wp.length(flat)
+    if aside < 1.0e-4 * length:
+        # Straight up or down: any direction aside will do.
+        flat = wp.cross(outward, wp.where(wp.abs(outward[0]) < 0.5, wp.vec3(1.0, 0.0, 0.0), wp.vec3(0.0, 1.0, 0.0)))
+        aside = wp.length(flat)
+    up = wp.min(up + missing, length)
+    # Normalised, because `flat` is the difference of two similar vectors and not quite horizontal.
+    return length * wp.normalize(up * outward + (wp.sqrt(wp.max(length * length - up * up, 0.0)) / aside) * flat)
+
+
 @wp.kernel(enable_backward=False)
 @no_type_check
 def follow_outside(
@@ -34,9 +51,8 @@ def follow_outside(
     apart = float(-wp.inf)
     for k in range(steps.shape[1]):
         step = steps[strand, k]
-        length = wp.length(step)
         target = here + step
-        apart -= STEEPEST * length
+        apart -= STEEPEST * wp.length(step)
         if apart < clearance[strand, k + 1]:
             apart = float(-wp.inf)
             for _ in range(rounds):
@@ -46,8 +62,7 @@ def follow_outside(
                 if missing <= 0.0:
                     apart = distance
                     break
-                outward = wp.normalize(slope(values, cell))
-                turned = target + missing * outward - here
-                target = here + length * wp.normalize(turned)
+                step = raised(step, wp.normalize(slope(values, cell)), missing)
+                target = here + step
         here = target
         points[strand, k + 1] = here

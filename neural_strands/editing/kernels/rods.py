@@ -8,6 +8,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from neural_strands.editing.kernels.outside import raised
 from neural_strands.geometry.kernels.voxel_grid import blend, cell_about, nearest_place, slope
 
 
@@ -199,13 +200,14 @@ def constrain(
     # Remaining errors are small; this pass removes all stretch and all points inside.
     for k in range(count):
         before = here[rod, k]
-        target = before + length[rod, k] * wp.normalize(here[rod, k + 1] - before)
+        step = length[rod, k] * wp.normalize(here[rod, k + 1] - before)
         if collide != 0:
             for _ in range(rounds):
-                way = push_out(origin, spacing, values, target, clearance[rod, k + 1])
-                if wp.length_sq(way) == 0.0:
+                way = push_out(origin, spacing, values, before + step, clearance[rod, k + 1])
+                missing = wp.length(way)
+                if missing == 0.0:
                     break
-                target = before + length[rod, k] * wp.normalize(target + way - before)
-        here[rod, k + 1] = target
+                step = raised(step, way / missing, missing)
+        here[rod, k + 1] = before + step
     for k in range(1, count + 1):
         velocity[rod, k] = (here[rod, k] - velocity[rod, k]) / seconds
