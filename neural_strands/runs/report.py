@@ -51,11 +51,14 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     losses = read_losses(run.folder.log)
     if losses:
         plot = encode_png(curves_plot(losses, "losses"))
-        galleries.append(Gallery("Losses", (("mean of each step's figures", plot),), columns=1))
+        galleries.append(
+            Gallery("Losses during the fit", (("each point is a mean over several steps", plot),), columns=1)
+        )
     strands = run.renderer.strands
     summary = (
-        f"{len(strands)} strands of {strands.points_per_strand} points from {len(run.capture)} photographs of "
-        f"{run.capture.folder.name}; {run.segments.segment_count} line segments."
+        f"{len(strands):,} strands of {strands.points_per_strand} points each, fitted to {len(run.capture)} "
+        f"photographs of {run.capture.folder.name} and to the {run.segments.segment_count:,} line segments that stereo "
+        "found in them."
     )
     title = f"Neural Strands: {run.capture.folder.name}"
     write_page(run.folder.report / "index.html", title, summary, tables, galleries, turntable)
@@ -74,15 +77,17 @@ def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height widt
 def _geometry_table(result: Evaluation) -> Table:
     names = [score.threshold.name.replace("deg", "°").replace("mm/", " mm ") for score in result.ours[:3]]
     heads = ("", *(f"{what} {name}" if what == "P" else what for name in names for what in ("P", "R", "F")))
-    rows = [("ours: LMVS", *_cells(result.lmvs)), ("ours: strands", *_cells(result.ours))]
+    rows = [("line segments (LMVS)", *_cells(result.lmvs)), ("fitted strands", *_cells(result.ours))]
     rows += [(name, *(f"{value:.2f}" for row in figures for value in row)) for name, figures in PAPER_ROWS.items()]
     consistency = ", ".join(f"{score.strand_consistency or 0:.1f} % at {score.threshold.name}" for score in result.ours)
     inside = "" if result.head_fit is None else f" Points inside the head: {result.head_fit.inside:.2f} %."
     note = (
-        "Percent, directions unsigned, points every 0.5 mm or denser; the paper's rows are of its own grooms. "
+        "P: percentage of the points found that are right, within the distance and angle above; R: percentage of the "
+        "true points that were found; F: their harmonic mean. Points are at most 0.5 mm apart, and lines count in both "
+        "directions. The paper's rows are of its own grooms. "
         f"Strand consistency: {consistency}.{inside}"
     )
-    return Table("Geometry against the ground truth", heads, tuple(rows), note)
+    return Table("Geometry compared with the true strands", heads, tuple(rows), note)
 
 
 def _cells(scores: tuple[GeometryScore, ...]) -> tuple[str, ...]:
@@ -101,8 +106,9 @@ def _strands_table(result: Evaluation) -> Table:
     rows = [(f"view {name}", *found.cells()) for name, found in zip(names, result.in_views, strict=True)]
     rows.append(("mean", *mean_strands_in_view(result.in_views).cells()))
     note = (
-        "Direction: share of the hair, by confidence, where drawn strands run within 20° of the photograph's streaks. "
-        f"{result.unseen:.1f} % of the strands lie mostly where no photograph could see them; they are guessed."
+        "Direction: share of the hair in which the strands run within 20° of the streaks in the photograph; clear "
+        "streaks count more. On background: share of the rendered hair that lies outside the person. "
+        f"{result.unseen:.1f} % of the strands lie mostly where no photograph could see them; these are guessed."
     )
     return Table("Strands in the photographs", ("", *STRAND_HEADS), tuple(rows), note)
 
@@ -113,45 +119,50 @@ def _time_table(result: Evaluation) -> Table:
         ("this machine", f"{result.decode_ms:.1f}", f"{result.render_ms:.1f}", f"{total:.1f}"),
         PAPER_MILLISECONDS,
     )
-    return Table("Milliseconds", ("", "decode", "render", "total"), rows)
+    return Table("Time for one picture, milliseconds", ("", "decoding the strands", "rendering", "total"), rows)
 
 
 def _views_gallery(result: Evaluation) -> Gallery:
     pictures: list[tuple[str, bytes]] = []
     for view in (each.view for each in result.views[:MOST_VIEWS]):
         pictures += [
-            (f"rendered {view.name}", encode_png(view.rendered)),
+            (f"rendering of {view.name}", encode_png(view.rendered)),
             ("photograph", encode_png(view.photograph)),
-            ("difference x 4", encode_png(difference_picture(view.rendered, view.photograph))),
+            ("their difference, four times as strong", encode_png(difference_picture(view.rendered, view.photograph))),
         ]
-    return Gallery("Views" if not result.held_out else "Held-out views", tuple(pictures))
+    return Gallery("Held-out views" if result.held_out else "Training views", tuple(pictures))
 
 
 def _alpha_gallery(run: RunContents, result: Evaluation) -> Gallery:
     view = result.views[0].view
     pictures: list[tuple[str, bytes]] = []
     if view.alpha is not None:
-        pictures.append(("predicted alpha", encode_png(view.alpha[..., None].expand(-1, -1, 3))))
+        pictures.append(("opacity of the rendered hair", encode_png(view.alpha[..., None].expand(-1, -1, 3))))
     mask = view.mask
     if mask is not None:
         height, width = mask.shape
         config = read_description(run.folder).config.trimap
         trimap = reference_alpha(mask, Rectangle(0, 0, width, height), config)
         shades = torch.where(trimap.supervised, trimap.alpha, 0.5)
-        pictures.append(("its reference, grey where unsupervised", encode_png(shades[..., None].expand(-1, -1, 3))))
-    return Gallery("Alpha", tuple(pictures))
+        pictures.append(
+            (
+                "opacity that the fit asked for; it left the grey band open",
+                encode_png(shades[..., None].expand(-1, -1, 3)),
+            )
+        )
+    return Gallery("Opacity", tuple(pictures))
 
 
 def _geometry_gallery(run: RunContents) -> Gallery:
     points = run.renderer.strands.points
     camera = run.capture.cameras[run.shown[0]].to(points.device)
     head = run.head.mesh
-    sets = [("line segments", run.segments.lines()), ("our strands", points)]
+    sets = [("line segments", run.segments.lines()), ("fitted strands", points)]
     if run.capture.ground_truth is not None:
-        sets.insert(0, ("ground truth", run.capture.ground_truth.points.to(head.vertices)))
+        sets.insert(0, ("true strands", run.capture.ground_truth.points.to(head.vertices)))
     images = [(name, lines_picture(lines, camera, head)) for name, lines in sets]
     photograph = run.capture.image(run.shown[0]).to(head.vertices)
-    images.append(("our strands over the photograph", lines_over_photograph(photograph, points, camera, head)))
+    images.append(("fitted strands over the photograph", lines_over_photograph(photograph, points, camera, head)))
     pictures = tuple((name, encode_png(image)) for name, image in images)
     return Gallery("Geometry, coloured by direction", pictures, columns=len(pictures))
 
@@ -169,8 +180,8 @@ def _turntable(run: RunContents) -> tuple[Turntable, Gallery]:
         for caption, frames in (("rendered", rendered), ("strands, coloured by direction", drawn))
     )
     chosen = range(0, TURN_FRAMES, STILL_EVERY)
-    stills = tuple((f"{360 * k // TURN_FRAMES} degrees", encode_png(rendered[k])) for k in chosen)
-    return Turntable("Turntable", strips, TURN_FRAMES), Gallery("Turntable, stills", stills, columns=4)
+    stills = tuple((f"{360 * k // TURN_FRAMES}°", encode_png(rendered[k])) for k in chosen)
+    return Turntable("Turntable", strips, TURN_FRAMES), Gallery("Still pictures of the turntable", stills, columns=4)
 
 
 def _shrunk(frame: Float[Tensor, "side side 3"]) -> Float[Tensor, "small small 3"]:

@@ -71,8 +71,8 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     shown = dict(read.pictures[:3])
     photograph = cv2.imread(str(tiny / "ball" / "images" / "004.png"), cv2.IMREAD_COLOR)[..., ::-1]
     np.testing.assert_array_equal(shown["photograph"], photograph)
-    assert shown["rendered 004.png"].shape == photograph.shape
-    assert shown["rendered 004.png"].std() > 0
+    assert shown["rendering of 004.png"].shape == photograph.shape
+    assert shown["rendering of 004.png"].std() > 0
     strands = read.tables["Strands in the photographs"][2]
     assert strands == ["mean", f"{in_views['direction']:.1f}", f"{in_views['on_background']:.1f}"]
     mean = read.tables["Held-out views"][2]
