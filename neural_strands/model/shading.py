@@ -68,31 +68,33 @@ class PointShading(nn.Module):
 
     def forward(
         self,
-        descriptor: Float[Tensor, "point descriptor"],
+        own: Float[Tensor, "point feature"],
+        fibre: Float[Tensor, "point 4"],
         view: Float[Tensor, "point 3"],
         around: Float[Tensor, "point channel"],
     ) -> Float[Tensor, "point 3"]:
         """Colour of points, sRGB-encoded, so that equal changes are about equally visible in dark and fair hair.
 
         Args:
-            descriptor: [z_a, d, t].
+            own: z_a.
+            fibre: unit direction of growth, then t.
             view: unit direction from the eye to the point.
             around: the hair around it, from `HairVolume.at`.
         """
         if not len(self.inner):
-            return F.linear(descriptor[:, : self.decode.shape[1]], self.decode, self.mean)
-        if descriptor.device.type != "cpu":
-            return self._shade(descriptor, view, around)
-        batches = zip(*(values.split(CPU_BATCH) for values in (descriptor, view, around)), strict=True)
+            return F.linear(own, self.decode, self.mean)
+        if own.device.type != "cpu":
+            return self._shade(own, fibre, view, around)
+        batches = zip(*(values.split(CPU_BATCH) for values in (own, fibre, view, around)), strict=True)
         return torch.cat([self._shade(*batch) for batch in batches])
 
     def _shade(
         self,
-        descriptor: Float[Tensor, "point descriptor"],
+        own: Float[Tensor, "point feature"],
+        fibre: Float[Tensor, "point 4"],
         view: Float[Tensor, "point 3"],
         around: Float[Tensor, "point channel"],
     ) -> Float[Tensor, "point 3"]:
-        own, fibre = descriptor.split([self.decode.shape[1], 4], dim=1)
         lights, outward = F.normalize(self.lights, dim=1), around[:, :3]
         angles = fibre_angles(fibre[:, :3], view, lights)
         facing = (outward * view).sum(dim=1, keepdim=True)

@@ -49,7 +49,7 @@ class RenderLoop(Generic[T]):
 
         Args:
             draw: called in the thread with the browser, its request and the size.
-            finer: sizes of the finer pictures of a request that rests.
+            finer: sizes of the finer pictures of a request that rests, at least one; no picture is larger than these.
         """
         self._draw = draw
         self._finer = finer
@@ -85,7 +85,9 @@ class RenderLoop(Generic[T]):
         while (due := self._wait()) is not None:
             browser, wish = due
             quick = wish.level == 0
-            size = self._pace.size if quick else max(self._finer[wish.level - 1], self._pace.size)
+            size = min(self._pace.size, max(self._finer))
+            if not quick:
+                size = max(self._finer[wish.level - 1], size)
             begin = time.monotonic()
             try:
                 self._draw(browser, wish.request, size)

@@ -19,7 +19,7 @@ def test_it_starts_as_a_linear_decode_of_the_feature(hidden, generator):
         shading.mean.copy_(torch.tensor([0.1, 0.2, 0.3]))
     around = torch.randn(20, CHANNELS, generator=generator)
     linear = descriptor[:, :5] @ shading.decode.T + shading.mean
-    torch.testing.assert_close(shading(descriptor, view, around), linear)
+    torch.testing.assert_close(shading(descriptor[:, :5], descriptor[:, 5:], view, around), linear)
 
 
 def test_the_network_sees_direction_t_view_lights_and_surroundings(generator):
@@ -29,7 +29,7 @@ def test_the_network_sees_direction_t_view_lights_and_surroundings(generator):
     descriptor = torch.randn(4, 9, generator=generator, requires_grad=True)
     view = torch.randn(4, 3, generator=generator, requires_grad=True)
     around = torch.randn(4, CHANNELS, generator=generator, requires_grad=True)
-    shading(descriptor, view, around).square().sum().backward()
+    shading(descriptor[:, :5], descriptor[:, 5:], view, around).square().sum().backward()
     assert (around.grad.abs() > 0).all()
     assert (descriptor.grad.abs() > 0).all()
     assert (view.grad.abs() > 0).all()
@@ -38,7 +38,7 @@ def test_the_network_sees_direction_t_view_lights_and_surroundings(generator):
 
 def test_no_points_have_no_colour(generator):
     shading = PointShading(5, ShadingConfig(), generator)
-    assert shading(torch.zeros(0, 9), torch.zeros(0, 3), torch.zeros(0, CHANNELS)).shape == (0, 3)
+    assert shading(torch.zeros(0, 5), torch.zeros(0, 4), torch.zeros(0, 3), torch.zeros(0, CHANNELS)).shape == (0, 3)
 
 
 def test_batches_of_points_change_nothing(generator):
@@ -50,8 +50,9 @@ def test_batches_of_points_change_nothing(generator):
     points = CPU_BATCH + 3
     descriptor = torch.randn(points, 9, generator=generator, dtype=torch.float64, requires_grad=True)
     view, around = (torch.randn(points, size, generator=generator).double() for size in (3, CHANNELS))
-    together = shading(descriptor, view, around)
-    parts = zip(*(values.split(1000) for values in (descriptor, view, around)), strict=True)
+    given = (descriptor[:, :5], descriptor[:, 5:], view, around)
+    together = shading(*given)
+    parts = zip(*(values.split(1000) for values in given), strict=True)
     apart = torch.cat([shading(*part) for part in parts])
     torch.testing.assert_close(together, apart)
     weights = [shading.outer, shading.decode, shading.mean, *shading.inner]
@@ -70,7 +71,7 @@ def test_its_sum_in_closed_form(generator):
     descriptor, view = torch.randn(3, 6, generator=generator), normalize(torch.randn(3, 3, generator=generator))
     descriptor[:, 2:5] = normalize(descriptor[:, 2:5])
     around = torch.randn(3, CHANNELS, generator=generator)
-    found = shading(descriptor, view, around)
+    found = shading(descriptor[:, :2], descriptor[:, 2:], view, around)
     for point, direction, hair, colour in zip(descriptor, view, around, found, strict=True):
         angles = fibre_angles(point[None, 2:5], direction[None], shading.lights)[0]
         facing = torch.cat([(hair[:3] @ direction)[None], shading.lights @ hair[:3]])

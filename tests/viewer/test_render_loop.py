@@ -46,6 +46,16 @@ def test_a_request_that_rests_is_drawn_finer_and_finer_and_then_left_alone(loop)
     assert len(recorder.drawn) == 3
 
 
+def test_no_picture_is_larger_than_the_finest():
+    recorder = Recorder()
+    made = RenderLoop(recorder, finer=(SMALLEST,))
+    try:
+        made.ask(1, "still")
+        assert [size for _, _, size in recorder.wait_for(2)] == [SMALLEST, SMALLEST]
+    finally:
+        made.stop()
+
+
 def test_only_the_newest_of_many_requests_is_drawn(loop):
     made, recorder = loop
     recorder.go.clear()
