@@ -73,7 +73,7 @@ def moving(run: Path, frames: int) -> dict[str, float]:
         right, up, back = camera.position.tolist()
         page = PageCamera(wxyz_of(camera), (right, up, back), FIELD_OF_VIEW, ASPECT)
         began, spent = time.perf_counter(), time.process_time()
-        picture = rendered(scene.renderer, page.sized(pace.size))
+        picture = rendered(scene.renderer, page.sized(pace.size)).picture
         cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         sizes.append(pace.size)
         took.append(time.perf_counter() - began)

@@ -107,6 +107,7 @@ class RenderOutput:
         behind_rgb: body over background, linear.
         coverage: share of each pixel covered by strands.
         lines: the drawn lines, at `supersample` times the image's resolution.
+        body_depth: depth of the body at that resolution, metres along the optical axis; infinite where there is none.
     """
 
     rgb: Float[Tensor, "height width 3"]
@@ -115,6 +116,7 @@ class RenderOutput:
     behind_rgb: Float[Tensor, "height width 3"]
     coverage: Float[Tensor, "height width"]
     lines: LineBuffer
+    body_depth: Float[Tensor, "fine_height fine_width"]
 
     @property
     def cutout(self) -> Float[Tensor, "height width 4"]:
@@ -254,7 +256,7 @@ class HairModel(nn.Module):
         behind = skin + (1 - share) * background
         rgb = to_srgb(compose(hair, alpha, behind))
         coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
-        return RenderOutput(rgb, alpha, hair, behind, coverage, drawing.lines)
+        return RenderOutput(rgb, alpha, hair, behind, coverage, drawing.lines, drawing.body.depth)
 
     def splat_descriptors(
         self,
@@ -276,19 +278,19 @@ class HairModel(nn.Module):
         visible = visible_points(lines, strands.points, self.config.supersample, strands.t)
         appearance = interpolate_knots(self.textures.sample_appearance(strands.chart_positions(), blur), visible)
         direction = visible_directions(strands.points, visible)
-        descriptor = torch.cat([appearance, direction, visible.t[:, None].to(direction)], dim=1)
         view = functional.normalize(visible.world - camera.position, dim=1)
         around = (volume or hair_volume(strands.points)).at(visible.world)
         if turn is not None:
-            descriptor = torch.cat([appearance, direction @ turn.T, descriptor[:, -1:]], dim=1)
-            view, around = view @ turn.T, torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
-        colour = self.shading(descriptor, view, around)
+            direction, view = direction @ turn.T, view @ turn.T
+            around = torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
+        fibre = torch.cat([direction, visible.t[:, None].to(direction)], dim=1)
+        colour = self.shading(appearance, fibre, view, around)
         pixels, _ = camera.project(visible.world)
         linear = to_linear(colour)
         if light is not None:
             along = (visible.vertex + visible.position) / (strands.points_per_strand - 1)
             linear = linear * interpolate_knots(light.strands, replace(visible, t=along))
-        descriptor = torch.cat([descriptor, linear], dim=1)
+        descriptor = torch.cat([appearance, fibre, linear], dim=1)
         size = (camera.height, camera.width)
         return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
 

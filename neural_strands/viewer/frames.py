@@ -1,11 +1,14 @@
 """Pictures of the hair for one browser: rendered, as a photograph, or both side by side."""
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Float32, UInt8
 
 from neural_strands.geometry.cameras import Camera
+from neural_strands.model.picture_depth import picture_depth
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import to_bytes
 
@@ -14,9 +17,22 @@ LINE = 400
 Pixels = UInt8[np.ndarray, "height width 3"]
 
 
-def rendered(renderer: HairRenderer, camera: Camera) -> Pixels:
-    """The hair over body and background, encoded (sRGB)."""
-    return to_bytes(renderer.render(camera).rgb)
+class Frame(NamedTuple):
+    """A picture, with the depth by which a browser hides what it draws itself behind the picture's hair and body.
+
+    Attributes:
+        picture: sRGB-encoded.
+        depth: metres along the optical axis (`picture_depth`); None if everything else is in front of the picture.
+    """
+
+    picture: Pixels
+    depth: Float32[np.ndarray, "height width"] | None = None
+
+
+def rendered(renderer: HairRenderer, camera: Camera, with_depth: bool = False) -> Frame:
+    """The hair over body and background, and its depth if that is needed."""
+    output = renderer.render(camera)
+    return Frame(to_bytes(output.rgb), picture_depth(output).float().cpu().numpy() if with_depth else None)
 
 
 def seen_by(

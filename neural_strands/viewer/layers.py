@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     import viser
 
 STRANDS, SEGMENTS, HEAD, CAMERAS = "/strands", "/segments", "/head", "/cameras"
+STRANDS_HINT = "The strands themselves; of very many, only some are drawn"
+SEGMENTS_HINT = "Short pieces of hair that were measured in the photographs"
+HEAD_HINT = "The surface of head and body"
+CAMERAS_HINT = "Where the photographs were taken; click on one to look from there"
 LINE_PIXELS = 1.5
 SKIN = (204, 194, 186)
 THUMBNAIL = 128
@@ -34,12 +38,14 @@ class Layer:
     Attributes:
         name: name of its scene node, or of the parent of its nodes.
         label: text in the panel.
+        hint: what the label does not say.
         draw: adds or replaces it.
         at_first: whether it is shown when a page opens.
     """
 
     name: str
     label: str
+    hint: str
     draw: "Callable[[Page], None]"
     at_first: bool
 
@@ -48,13 +54,13 @@ def layers_of(scene: Scene) -> list[Layer]:
     """The layers for which a scene has content; with a rendered picture, none of them is shown at first."""
     found = []
     if scene.strands is not None and len(scene.strands):
-        found.append(Layer(STRANDS, "Strands as lines", _draw_strands, scene.renderer is None))
+        found.append(Layer(STRANDS, "Strands as lines", STRANDS_HINT, _draw_strands, scene.renderer is None))
     if scene.segments is not None and len(scene.segments):
-        found.append(Layer(SEGMENTS, "Stereo segments", _draw_segments, False))
+        found.append(Layer(SEGMENTS, "Line segments", SEGMENTS_HINT, _draw_segments, False))
     if scene.head is not None and len(scene.head.faces):
-        found.append(Layer(HEAD, "Head", _draw_head, scene.renderer is None))
+        found.append(Layer(HEAD, "Head", HEAD_HINT, _draw_head, scene.renderer is None))
     if scene.photographs is not None:
-        found.append(Layer(CAMERAS, "Cameras", _draw_cameras, scene.kind == "capture"))
+        found.append(Layer(CAMERAS, "Cameras", CAMERAS_HINT, _draw_cameras, scene.kind == "capture"))
     return found
 
 

@@ -13,7 +13,7 @@ from neural_strands.geometry.strands import Strands, directions
 from neural_strands.pictures.encoding import to_bytes
 from neural_strands.pictures.lines import direction_colour
 
-Colouring = Literal["hair colour", "direction", "root", "seen or guessed"]
+Colouring = Literal["hair colour", "direction", "root position", "seen or guessed"]
 COLOURINGS: tuple[Colouring, ...] = get_args(Colouring)
 MOST_LINES = 120_000
 """Number of straight pieces that a browser draws smoothly without a graphics card."""
@@ -67,7 +67,7 @@ def _line_bytes(colours: Float[Tensor, "line 2 3"]) -> UInt8[np.ndarray, "line 2
 def _colours(strands: Strands, drawn: Float[Tensor, "s p 3"], colouring: Colouring) -> Float[Tensor, "s p 3"]:
     if colouring == "direction":
         return direction_colour(directions(drawn))
-    if colouring == "root":
+    if colouring == "root position":
         return _root_colours(strands)[:, None].expand_as(drawn)
     if colouring == "seen or guessed":
         return _seen_colours(strands)[:, None].expand_as(drawn)

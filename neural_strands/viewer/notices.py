@@ -50,5 +50,9 @@ def complain(client: "viser.ClientHandle | None", error: Exception) -> None:
     """Show an error on a browser's page."""
     if client is None:
         return
-    sentence = str(error) if isinstance(error, InputError) else f"Unexpected: {reason(error)}; the log says more."
+    sentence = (
+        str(error)
+        if isinstance(error, InputError)
+        else f"Unexpected error: {reason(error)}. The terminal in which the viewer runs shows more."
+    )
     client.add_notification("That did not work", sentence, color="red", auto_close_seconds=SHOWN_SECONDS)

@@ -55,7 +55,9 @@ def open_groom(path: Path) -> Scene:
     if span > WIDEST_ROOTS:
         scale = 10.0 ** round(math.log10(ROOT_SPAN / span))
         groom = groom.transformed(torch.eye(3), scale)
-        note = f"The file is not in metres: it is shown at {scale:g} times its size, as if its roots covered a head."
+        note = (
+            f"This hair is too large to be in metres, so it is shown at {scale:g} times its size, where it fits a head."
+        )
     strands = groom.strands(POINTS if groom.uniform_size is None else None)
     return Scene(path, "groom", note=note).with_hair(Hair(strands))
 
@@ -110,14 +112,14 @@ def open_run(path: Path, state: StateFile | None, device: torch.device) -> Scene
     folder = RunFolder(path)
     described = read_description(folder)
     place = found_again(folder, described, described.capture)
-    base = Scene(path, "run", note=f"The photographs are not at {place} any more.")
+    base = Scene(path, "run", note=f"The photographs are no longer in {place}.")
     if place.is_dir():
         seen = open_capture(place)
         base = Scene(path, "run", head=seen.head, photographs=seen.photographs)
     if folder.segments.is_file():
         base = replace(base, segments=load_segments(folder.segments))
     if state is None:
-        return replace(base, note="The fit has not saved a state yet; the hair appears as soon as it has.")
+        return replace(base, note="The fit has not saved any hair yet; it appears here as soon as it is saved.")
     return _shown_model(base, load_newest_model(folder, state, device))
 
 

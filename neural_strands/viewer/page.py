@@ -12,7 +12,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.pictures.encoding import to_bytes
 from neural_strands.viewer.cameras import PageCamera, Pose, photograph_pose, start_pose
-from neural_strands.viewer.frames import Pixels, rendered, seen_by, wiped
+from neural_strands.viewer.frames import Frame, rendered, seen_by, wiped
 from neural_strands.viewer.history import History
 from neural_strands.viewer.line_colours import Colouring
 from neural_strands.viewer.render_loop import FINER, RenderLoop
@@ -34,11 +34,20 @@ class Look:
         neural: whether the rendered picture lies behind everything else.
         wipe: share of the width on which a photograph covers the rendering, for a browser at its camera.
         colouring: meaning of the colours of lines.
+        objects: names of the objects in space that are visible; rendered hair and body hide what lies behind them.
+        painting: whether marks on the scalp are visible; they are seen through the hair, and so are all objects then.
     """
 
     neural: bool = True
     wipe: float = 0.5
     colouring: Colouring = "hair colour"
+    objects: frozenset[str] = frozenset()
+    painting: bool = False
+
+    @property
+    def hides(self) -> bool:
+        """Whether the picture hides objects behind its hair and body."""
+        return bool(self.objects) and not self.painting
 
 
 @dataclass(frozen=True)
@@ -144,6 +153,12 @@ class Page:
         self.look = look
         self.redraw()
 
+    def mark_visible(self, name: str, visible: bool) -> None:
+        """Note that an object in space has been added or removed, because pictures need a depth to hide it."""
+        objects = self.look.objects | {name} if visible else self.look.objects - {name}
+        if objects != self.look.objects:
+            self.set_look(replace(self.look, objects=objects))
+
     def redraw(self) -> None:
         """Request a new picture for every browser."""
         for client in self.server.get_clients().values():
@@ -229,26 +244,32 @@ class Page:
 
     def _draw(self, browser: int, request: FrameRequest, size: int) -> None:
         """Draw one picture and send it, unless the browser has disconnected meanwhile."""
-        picture = picture_of(request, size)
+        frame = frame_of(request, size)
         client = self.server.get_clients().get(browser)
-        if client is not None:
-            client.scene.set_background_image(picture, format="jpeg", jpeg_quality=JPEG_QUALITY)
+        if client is None:
+            return
+        if frame is None:
+            client.scene.set_background_image(None)
+        else:
+            client.scene.set_background_image(
+                frame.picture, format="jpeg", jpeg_quality=JPEG_QUALITY, depth=frame.depth
+            )
 
 
-def picture_of(request: FrameRequest, size: int) -> Pixels | None:
+def frame_of(request: FrameRequest, size: int) -> Frame | None:
     """The picture of a request, with `size` pixels along its longer side; None if there is nothing to show."""
     scene, camera = request.scene, request.camera.sized(size)
     ours = None
     renderer = request.moment or scene.renderer
     if request.look.neural and renderer is not None:
-        ours = rendered(renderer, camera)
+        ours = rendered(renderer, camera, request.look.hides)
     if request.photograph is None or scene.photographs is None:
         return ours
-    paper = np.full((camera.height, camera.width, 3), PAPER, np.uint8)
+    behind = Frame(np.full((camera.height, camera.width, 3), PAPER, np.uint8)) if ours is None else ours
     taken = scene.photographs.cameras[request.photograph].to("cpu")
     photograph = to_bytes(scene.photographs.image(request.photograph))
-    behind = paper if ours is None else ours
-    return wiped(seen_by(photograph, taken, camera, behind), behind, request.look.wipe)
+    seen = seen_by(photograph, taken, camera, behind.picture)
+    return behind._replace(picture=wiped(seen, behind.picture, request.look.wipe))
 
 
 def place(client: "viser.ClientHandle", pose: Pose) -> None:

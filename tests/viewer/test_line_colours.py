@@ -54,7 +54,7 @@ def test_strands_that_no_photograph_saw_have_a_colour_of_their_own():
 def test_points_that_are_not_finite_are_left_out():
     given = strands(3, 4)
     given.points[1, 2] = float("nan")
-    ends, _ = strand_lines(given, "root")
+    ends, _ = strand_lines(given, "root position")
     assert len(ends) == 9 - 2
     assert np.isfinite(ends).all()
 

@@ -24,7 +24,7 @@ from neural_strands.model.files import find_hair_model, load_hair_model, save_ha
 from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.viewer.beside import page_beside
 from neural_strands.viewer.history import History
-from neural_strands.viewer.page import JPEG_QUALITY, FrameRequest, Look, picture_of
+from neural_strands.viewer.page import JPEG_QUALITY, FrameRequest, Look, frame_of
 from neural_strands.viewer.panels.region import BRUSH
 from neural_strands.viewer.panels.tabs import Tabs
 from neural_strands.viewer.serve import ServedPage
@@ -42,6 +42,8 @@ ALIKE = 0.4
 """Mean difference of pictures of one thing, of 255 levels."""
 APART = 1.0
 """Mean difference of pictures of different things."""
+DARK = 80
+"""Level below which a pixel shows hair; skin and background are lighter."""
 
 
 @dataclass
@@ -69,13 +71,13 @@ class Watched:
 
     def rendered(self):
         """The finest picture that the renderer draws for the tab's camera."""
-        return picture_of(self.served.page.request_of(self.client), PIXELS)
+        return frame_of(self.served.page.request_of(self.client), PIXELS).picture
 
     def drawn(self):
         """The same picture, as it is sent."""
         request = self.served.page.request_of(self.client)
         if request != self.last_request:
-            picture = picture_of(request, PIXELS)
+            picture = frame_of(request, PIXELS).picture
             _, sent = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
             self.last_request, self.last_picture = request, cv2.imdecode(sent, cv2.IMREAD_COLOR)[..., ::-1]
         assert self.last_picture is not None
@@ -201,8 +203,35 @@ def test_a_page_shows_hair_and_turns(tab):
     tab.tab.drag(120, 30)
     tab.tab.wait_for(lambda: difference(front, tab.drawn()) > APART)
     tab.shown()
-    tab.press("Face in front")
+    tab.press("Front view")
     tab.tab.until(lambda canvas: difference(front, canvas) < ALIKE)
+
+
+def test_the_head_is_drawn_behind_the_hair(tab):
+    size = tab.shown().shape[1::-1]
+    before = cv2.resize(tab.drawn().astype(float), size)
+    camera = tab.served.page.camera_of(tab.client).sized(max(WINDOW))
+    output = tab.scene.renderer.render(camera)
+    factor = tab.scene.renderer.model.config.supersample
+    parts = (output.body_depth[::factor, ::factor].isfinite(), output.alpha < 0.1)
+    # A window's height may differ from that of its camera by a pixel.
+    on_head, bare = (cv2.resize(part.numpy().astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) for part in parts)
+    hair = (on_head > 0) & (before.mean(axis=2) < DARK)
+    # Away from the hair, because the picture has fewer pixels than the window.
+    skin = cv2.erode(on_head & bare, np.ones((7, 7))) > 0
+    assert min(hair.sum(), skin.sum()) > 1000
+
+    def change(canvas, part):
+        return np.abs(canvas[part] - before[part]).mean()
+
+    tab.page.get_by_label("Head", exact=True).click()
+    tab.tab.until(lambda canvas: change(canvas, skin) > 20 and change(canvas, hair) < 15)
+    tab.page.get_by_label("Rendered hair").click()
+    # Now nothing hides the head.
+    tab.tab.until(lambda canvas: change(canvas, hair) > 50)
+    tab.page.get_by_label("Rendered hair").click()
+    tab.page.get_by_label("Head", exact=True).click()
+    tab.shown()
 
 
 def test_two_browsers_have_a_camera_each_and_share_the_rest(tab, served, browser):
@@ -225,9 +254,9 @@ def test_two_browsers_have_a_camera_each_and_share_the_rest(tab, served, browser
 
 def test_hair_is_cut_and_the_cut_undone_and_the_result_saved(tab, tmp_path):
     before = tab.shown()
-    tab.cut("to a length", "Length, cm", "15")
+    tab.cut("to a length", "Length (cm)", "15")
     tab.says("haircut: length 0.15")
-    tab.cut("by a share", "Share cut off", "0.6")
+    tab.cut("by a fraction", "Fraction cut off", "0.6")
     tab.says("haircut: fraction 0.6")
     assert difference(before, tab.drawn()) > APART
     tab.shown()
@@ -237,7 +266,7 @@ def test_hair_is_cut_and_the_cut_undone_and_the_result_saved(tab, tmp_path):
     tab.download("Save the hair").save_as(tmp_path / "hair.usd")
     saved = read_groom(tmp_path / "hair.usd")
     assert saved.lengths() == pytest.approx(lengths(tab.scene.strands.points), abs=1e-4)
-    tab.tab.fill("Longer side, pixels", str(PIXELS))
+    tab.tab.fill("Longer side (pixels)", str(PIXELS))
     tab.download("Save this view").save_as(tmp_path / "view.png")
     assert np.array_equal(cv2.imread(str(tmp_path / "view.png"))[..., ::-1], tab.rendered())
     tab.open("Edit")
@@ -262,11 +291,11 @@ def test_hair_below_the_plane_is_cut(tab):
 
 
 def test_an_error_is_one_sentence_on_the_page(tab):
-    tab.cut("by a share", "Share cut off", "1")
+    tab.cut("by a fraction", "Fraction cut off", "1")
     tab.says("expected hair to remain")
     tab.open("Edit", "Another run")
-    tab.press("Mix the two")
-    tab.says("expected the folder of another run, found none")
+    tab.press("Mix the hairstyles")
+    tab.says("expected its folder, found an empty field")
     assert tab.scene.edits == ()
 
 
@@ -274,7 +303,7 @@ def test_a_painted_region_is_restyled_alone(tab):
     fitted = tab.scene.strands.points
     tab.open("Edit", "Region")
     tab.page.get_by_label("Paint", exact=True).click()
-    tab.tab.fill("Brush radius, cm", "2")
+    tab.tab.fill("Brush radius (cm)", "2")
     roots = fitted[:, 0]
     tab.page.mouse.click(*tab.pixel(roots[roots[:, 2].argmax()]))
     tab.says("that grow in the painted region")
@@ -308,7 +337,7 @@ def test_wind_moves_the_hair_until_it_is_undone(tab, simulated):
     tab.tab.fill("Strength", "5")
     if simulated:
         tab.page.get_by_label("Simulate").click()
-    blow = tab.page.get_by_label("Blow")
+    blow = tab.page.get_by_label("Play the wind")
     blow.click()
     tab.says("wind: strength 5")
     tab.tab.until(lambda canvas: difference(still, canvas) > APART)
@@ -323,18 +352,18 @@ def test_other_shapes_are_mixed_in_and_grown(tab, other):
     before, strands = tab.shown(), tab.scene.strands
     tab.open("Edit", "Another run")
     tab.tab.fill("Other run", str(other))
-    tab.press("Take the other's hair")
+    tab.press("Use the other hairstyle")
     tab.says("transfer")
     assert difference(before, tab.shown()) > APART
     tab.undo("transfer")
-    tab.press("Mix the two")
+    tab.press("Mix the hairstyles")
     tab.says("blend")
     tab.open("Edit", "New hairstyle")
-    tab.press("Grow this style")
+    tab.press("Make this hairstyle")
     tab.says("sample")
     tab.open("Edit", "Number of strands")
     tab.tab.fill("Strands", "120")
-    tab.press("Grow this many")
+    tab.press("Change the number")
     tab.says("density: strands 120")
     assert [type(edit) for edit in tab.scene.edits] == [Blend, Sample, Density]
     tab.shown()

@@ -67,8 +67,10 @@ class EditPanel:
     def _add_density(self, fitted: int) -> None:
         gui = self._page.server.gui
         count = gui.add_number("Strands", initial_value=fitted, min=1, max=MOST_STRANDS, step=1)
-        grow = gui.add_button("Grow this many")
-        grow.on_click(lambda event: self._do(event, "Growing strands", lambda: Density(int(count.value))))
+        change = gui.add_button("Change the number")
+        change.on_click(
+            lambda event: self._do(event, "Changing the number of strands", lambda: Density(int(count.value)))
+        )
 
     def _do(self, event: "viser.GuiEvent", doing: str, edit: Callable[[], Edit]) -> None:
         with reporting(event.client, doing):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 FIRST_SHOWN = "render"
 """The curve that is selected first, once it exists: the squared colour error."""
 LABELS = {
-    "geometry": "distance from the stereo segments",
+    "geometry": "distance from the line segments",
     "render": "colour error",
     "perceptual": "perceptual colour error",
     "alpha": "opacity error",

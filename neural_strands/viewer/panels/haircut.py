@@ -1,4 +1,4 @@
-"""Controls of a haircut: below a plane that the user drags, to a length, or by a share."""
+"""Controls of a haircut: below a plane that the user drags, to a length, or by a fraction."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, get_args
@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Literal, get_args
 from neural_strands.editing.settings import Dabs, Edit, Haircut
 from neural_strands.foundation.errors import InputError
 from neural_strands.viewer.page import Page
-from neural_strands.viewer.panels.plane_handle import PlaneHandle, middle_of
+from neural_strands.viewer.panels.plane_handle import NAME, PlaneHandle, middle_of
 
 if TYPE_CHECKING:
     import viser
 
-Way = Literal["below the plane", "to a length", "by a share"]
+Way = Literal["below a plane", "to a length", "by a fraction"]
 WAYS: tuple[Way, ...] = get_args(Way)
 CENTIMETRE, MILLIMETRE = 0.01, 0.001
 
@@ -33,13 +33,15 @@ class HaircutPanel:
         self._page, self._region = page, region
         self._plane: PlaneHandle | None = None
         self._way = gui.add_dropdown("Cut", WAYS, initial_value=WAYS[0])
-        self._length = gui.add_slider("Length, cm", min=0.5, max=60.0, step=0.5, initial_value=15.0, visible=False)
-        self._share = gui.add_slider("Share cut off", min=0.0, max=1.0, step=0.01, initial_value=0.3, visible=False)
+        self._length = gui.add_slider("Length (cm)", min=0.5, max=60.0, step=0.5, initial_value=15.0, visible=False)
+        self._fraction = gui.add_slider(
+            "Fraction cut off", min=0.0, max=1.0, step=0.01, initial_value=0.3, visible=False
+        )
         self._uneven = gui.add_slider(
-            "Unevenness, mm", min=0.0, max=30.0, step=0.5, initial_value=3.0, hint="How ragged the edge is"
+            "Unevenness (mm)", min=0.0, max=30.0, step=0.5, initial_value=3.0, hint="How ragged the cut edge is"
         )
         self._show = gui.add_checkbox(
-            "Show the plane", initial_value=False, hint="Drag its arrows and rings to place it"
+            "Show the plane", initial_value=False, hint="Drag its arrows and rings to move and turn it"
         )
         cut = gui.add_button("Cut the hair")
         self._way.on_update(lambda _: self._choose())
@@ -48,7 +50,7 @@ class HaircutPanel:
 
     def _choose(self) -> None:
         """Show the controls of the chosen kind of cut."""
-        controls = (self._show, self._length, self._share)
+        controls = (self._show, self._length, self._fraction)
         for way, control in zip(WAYS, controls, strict=True):
             control.visible = self._way.value == way
         self._show.value = self._show.value and self._way.value == WAYS[0]
@@ -61,13 +63,14 @@ class HaircutPanel:
         strands = self._page.scene.strands
         if self._show.value and strands is not None and len(strands):
             self._plane = PlaneHandle(self._page.server, middle_of(strands.points))
+        self._page.mark_visible(NAME, self._plane is not None)
 
     def _haircut(self) -> Haircut:
         rough, region = MILLIMETRE * self._uneven.value, self._region()
         if self._way.value == "to a length":
             return Haircut(length=CENTIMETRE * self._length.value, uneven=rough, region=region)
-        if self._way.value == "by a share":
-            return Haircut(fraction=self._share.value, uneven=rough, region=region)
+        if self._way.value == "by a fraction":
+            return Haircut(fraction=self._fraction.value, uneven=rough, region=region)
         if self._plane is None:
             self._show.value = True
         if self._plane is None:

@@ -23,7 +23,7 @@ def add_look_panel(page: Page) -> Callable[[], None]:
     from viser import Icon
 
     gui, scene = page.server.gui, page.scene
-    start = gui.add_button("Face in front", icon=Icon.HOME)
+    start = gui.add_button("Front view", icon=Icon.HOME, hint="Moves the camera in front of the face")
     start.on_click(lambda event: event.client and page.start(event.client))
     if scene.renderer is not None:
         neural = gui.add_checkbox(
@@ -31,29 +31,37 @@ def add_look_panel(page: Page) -> Callable[[], None]:
         )
         neural.on_update(lambda _: page.set_look(replace(page.look, neural=neural.value)))
     layers = {layer.name: layer for layer in layers_of(scene)}
-    shown: set[str] = set()
+
+    def show(layer: Layer, visible: bool) -> None:
+        if visible:
+            layer.draw(page)
+        else:
+            hide(page.server, layer.name)
+        page.mark_visible(layer.name, visible)
 
     def toggle(layer: Layer, event: "viser.GuiEvent") -> None:
         if not event.target.value:
-            shown.discard(layer.name)
-            hide(page.server, layer.name)
+            show(layer, False)
             return
-        shown.add(layer.name)
         with reporting(event.client, f"Drawing: {layer.label.lower()}"):
-            layer.draw(page)
+            show(layer, True)
 
     def draw_strands() -> None:
-        if STRANDS in shown:
+        if STRANDS in page.look.objects:
             layers[STRANDS].draw(page)
 
     for layer in layers.values():
-        box = gui.add_checkbox(layer.label, initial_value=layer.at_first)
+        box = gui.add_checkbox(layer.label, initial_value=layer.at_first, hint=layer.hint)
         box.on_update(partial(toggle, layer))
-        if layer.at_first:
-            shown.add(layer.name)
-            layer.draw(page)
+        # A panel that this one replaces may have shown it.
+        show(layer, layer.at_first)
     if STRANDS in layers:
-        colouring = gui.add_dropdown("Colour of lines", COLOURINGS, initial_value=page.look.colouring)
+        colouring = gui.add_dropdown(
+            "Line colour",
+            COLOURINGS,
+            initial_value=page.look.colouring,
+            hint="Of seen or guessed strands, the guessed ones are orange",
+        )
 
         @colouring.on_update
         def _(_: object) -> None:

@@ -22,21 +22,26 @@ def add_mix_panel(
         do: carries out an edit, says so, and lists it.
     """
     gui = page.server.gui
-    other = gui.add_text("Other run", initial_value="", hint="Its folder, on the machine that serves this page")
+    other = gui.add_text("Other run", initial_value="", hint="Its folder, on the computer that runs the viewer")
     share = gui.add_slider(
-        "Share of the other", min=0.0, max=1.0, step=0.05, initial_value=0.5, hint="0 is this run's hair, 1 the other's"
+        "Share of the other",
+        min=0.0,
+        max=1.0,
+        step=0.05,
+        initial_value=0.5,
+        hint="0 keeps this hair, 1 takes the other's",
     )
-    mix = gui.add_button("Mix the two")
-    take = gui.add_button("Take the other's hair", hint="The other run's strands, with the colours of this one")
+    mix = gui.add_button("Mix the hairstyles")
+    take = gui.add_button("Use the other hairstyle", hint="The other run's strands with this run's colours")
 
     def named() -> str:
         path = other.value.strip()
         if not path:
-            raise InputError("Mixing: expected the folder of another run, found none; type it into the field.")
+            raise InputError("Other run: expected its folder, found an empty field; type the folder's path.")
         return path
 
     mix.on_click(lambda event: do(event, "Mixing the hair", lambda: Blend(named(), share.value, region())))
-    take.on_click(lambda event: do(event, "Taking the other hair", lambda: Transfer(named())))
+    take.on_click(lambda event: do(event, "Changing the hairstyle", lambda: Transfer(named())))
 
 
 def add_sample_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], Edit]], None]") -> None:
@@ -53,7 +58,7 @@ def add_sample_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[]
         max=1.0,
         step=0.05,
         initial_value=Sample.likeness,
-        hint="1 keeps this run's hair, 0 takes nothing from it",
+        hint="How much of this hairstyle remains: 0 nothing, 1 all of it",
     )
     variety = gui.add_slider(
         "Variety",
@@ -61,10 +66,12 @@ def add_sample_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[]
         max=1.0,
         step=0.05,
         initial_value=Sample.variety,
-        hint="How much neighbouring strands differ",
+        hint="How much the strands differ from each other",
     )
-    seed = gui.add_number("Style number", initial_value=0, min=0, max=2**31 - 1, step=1)
-    grow = gui.add_button("Grow this style")
-    grow.on_click(
-        lambda event: do(event, "Growing a hairstyle", lambda: Sample(likeness.value, variety.value, int(seed.value)))
+    seed = gui.add_number(
+        "Style number", initial_value=0, min=0, max=2**31 - 1, step=1, hint="Every number gives another hairstyle"
+    )
+    make = gui.add_button("Make this hairstyle")
+    make.on_click(
+        lambda event: do(event, "Making a hairstyle", lambda: Sample(likeness.value, variety.value, int(seed.value)))
     )

@@ -20,14 +20,14 @@ def add_photographs_panel(page: Page, views: Views) -> None:
     gui = page.server.gui
     names = tuple(f"{number}: {camera.name}" for number, camera in enumerate(views.cameras, start=1))
     choice = gui.add_dropdown("Photograph", names, initial_value=names[frontal(views.cameras)])
-    go = gui.add_button("Look from there", icon=Icon.CAMERA, hint="Stand where the photograph was taken")
+    go = gui.add_button("Look from there", icon=Icon.CAMERA, hint="Moves the camera to where the photograph was taken")
     wipe = gui.add_slider(
         "Photograph | rendering",
         min=0.0,
         max=1.0,
         step=0.01,
         initial_value=page.look.wipe,
-        hint="Works where a photograph was taken: how much of the width it covers",
+        hint="How much of the picture shows the photograph, while the camera is where it was taken",
     )
     wipe.on_update(lambda _: page.set_look(replace(page.look, wipe=wipe.value)))
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,9 +51,9 @@ class RegionBrush:
         self._paint = gui.add_checkbox(
             "Paint",
             initial_value=False,
-            hint="Click on the scalp, or drag the ball over it; dragging elsewhere turns the head",
+            hint="Click on the scalp, or drag the ball over it; dragging elsewhere turns the view",
         )
-        self._radius = gui.add_slider("Brush radius, cm", min=0.5, max=8.0, step=0.5, initial_value=3.0, visible=False)
+        self._radius = gui.add_slider("Brush radius (cm)", min=0.5, max=8.0, step=0.5, initial_value=3.0, visible=False)
         self._clear = gui.add_button("Clear the region", color="gray", visible=False)
         self._says = gui.add_markdown("")
         self._paint.on_update(lambda _: self._set_painting())
@@ -77,6 +78,13 @@ class RegionBrush:
             self._add_ball()
         # While the brush is visible, clicks paint.
         self._radius.visible = self._paint.value
+        self._set_seen_through()
+
+    def _set_seen_through(self) -> None:
+        """Let the hair hide nothing while there are marks on the scalp."""
+        painting = self._paint.value or bool(self._dabs)
+        if painting != self._page.look.painting:
+            self._page.set_look(replace(self._page.look, painting=painting))
 
     def _add_ball(self) -> None:
         """Show a ball on the scalp, above the forehead, that paints when it is dragged."""
@@ -126,6 +134,7 @@ class RegionBrush:
     def _draw(self) -> None:
         """Show the painted roots as dots."""
         self._clear.visible = bool(self._dabs)
+        self._set_seen_through()
         roots, uv = self._roots()
         if not self._dabs or not len(roots):
             hide(self._page.server, NAME)

@@ -17,7 +17,7 @@ from neural_strands.runs.edited import EditedHair
 from neural_strands.runs.export import ExportConfig, export_hair
 from neural_strands.viewer.frames import rendered
 from neural_strands.viewer.notices import Say, reporting
-from neural_strands.viewer.page import FrameRequest, Page, picture_of
+from neural_strands.viewer.page import FrameRequest, Page, frame_of
 from neural_strands.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,39 +43,43 @@ def add_save_panel(page: Page) -> None:
         return save
 
     if scene.renderer is not None:
-        longer = gui.add_slider("Longer side, pixels", min=256, max=4096, step=256, initial_value=1024)
-        picture = gui.add_button("Save this view", hint="A PNG of the rendered hair as you see it")
+        longer = gui.add_slider("Longer side (pixels)", min=256, max=4096, step=256, initial_value=1024)
+        picture = gui.add_button("Save this view", hint="The rendered hair as you see it, as a PNG picture")
         picture.on_click(saving("Rendering", lambda client, _: saved_view(page.request_of(client), int(longer.value))))
-        turn = gui.add_button("Save a turntable", hint=f"A video of {SECONDS:g} s, once around the head")
+        turn = gui.add_button("Save a turntable", hint=f"A video of {SECONDS:g} seconds, once around the head")
         turn.on_click(saving("Rendering a turntable", lambda _, say: saved_turntable(page.scene, say)))
     if scene.fitted is not None:
-        edits = gui.add_button("Save the edits", hint="A list that `neural-strands edit --edits` applies")
+        edits = gui.add_button(
+            "Save the edits", hint="The list of edits, which `neural-strands edit --edits` can apply again"
+        )
         edits.on_click(saving("Saving the edits", lambda *_: saved_edits(page.scene)))
         gui.add_divider()
         form = gui.add_dropdown("Format", SUFFIXES)
-        hair = gui.add_button("Save the hair", hint="Strands for Blender, Houdini, Maya, Unreal and others")
+        hair = gui.add_button("Save the hair", hint="The strands, for Blender, Houdini, Maya, Unreal and others")
         hair.on_click(saving("Writing the hair", lambda *_: saved_hair(page.scene, form.value)))
 
 
 def saved_view(request: FrameRequest, longest: int) -> tuple[str, bytes]:
     """The view of a browser, rendered at a given size: name and content of a PNG."""
-    picture = picture_of(request, longest)
-    if picture is None:
-        raise InputError("Saving a view: expected a rendered picture, found none; tick `Rendered hair` first.")
-    return f"{_stem(request.scene)}.png", encode_png(picture)
+    frame = frame_of(request, longest)
+    if frame is None:
+        raise InputError(
+            "Saving the view: expected a rendered picture, found none; tick `Rendered hair` in the tab `View` first."
+        )
+    return f"{_stem(request.scene)}.png", encode_png(frame.picture)
 
 
 def saved_turntable(scene: Scene, say: Say) -> tuple[str, bytes]:
     """A video of one turn around the head: name and content."""
     renderer = scene.renderer
     if renderer is None:
-        raise InputError("Saving a turntable: expected hair with a model that renders it, found none; open a run.")
+        raise InputError("Saving the turntable: expected hair with a model that renders it, found none; open a run.")
     cameras = turntable_cameras(renderer.strands.points, round(SECONDS * FPS), (SIDE, SIDE))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "turntable.mp4"
         with video_writer(path, (SIDE, SIDE), FPS) as write:
             for number, camera in enumerate(cameras, start=1):
-                write(rendered(renderer, camera))
+                write(rendered(renderer, camera).picture)
                 say(f"{number} of {len(cameras)}")
         return f"{_stem(scene)}_turntable.mp4", path.read_bytes()
 

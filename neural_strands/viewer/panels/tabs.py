@@ -30,7 +30,7 @@ class Tabs:
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.add_markdown(f"**{title(scene.path)}** ({scene.kind})" + (f"\n\n{scene.note}" if scene.note else ""))
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Look"):
+        with tabs.add_tab("View"):
             self._redraw = add_look_panel(page)
         if scene.photographs is not None and len(scene.photographs):
             with tabs.add_tab("Photos"):

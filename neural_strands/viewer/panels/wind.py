@@ -31,12 +31,19 @@ def add_wind_panel(page: Page, do: "Callable[[viser.GuiEvent, str, Callable[[], 
     """
     gui = page.server.gui
     direction = gui.add_dropdown("Direction", tuple(DIRECTIONS))
-    strength = gui.add_slider("Strength", min=0.0, max=5.0, step=0.1, initial_value=1.0)
-    gusts = gui.add_slider("Gusts", min=0.0, max=1.0, step=0.05, initial_value=0.5)
-    simulate = gui.add_checkbox(
-        "Simulate", initial_value=False, hint="Strands as elastic rods: they swing and slide; in slow motion if need be"
+    strength = gui.add_slider(
+        "Strength",
+        min=0.0,
+        max=5.0,
+        step=0.1,
+        initial_value=1.0,
+        hint="At 1, the wind pushes as much as the hair weighs",
     )
-    play = gui.add_checkbox("Blow", initial_value=False, hint="Adds the wind to the edits and shows it")
+    gusts = gui.add_slider("Gusts", min=0.0, max=1.0, step=0.05, initial_value=0.5, hint="0 is a steady wind")
+    simulate = gui.add_checkbox(
+        "Simulate", initial_value=False, hint="More realistic: strands swing and slide; large hair plays in slow motion"
+    )
+    play = gui.add_checkbox("Play the wind", initial_value=False, hint="Adds the wind to the edits and plays it")
     changing = threading.Lock()
 
     def blow(event: "viser.GuiEvent") -> None:

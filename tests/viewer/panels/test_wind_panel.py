@@ -79,46 +79,46 @@ def wait_until(condition):
 
 def test_changes_while_the_wind_starts_leave_one_wind_which_ends_when_it_is_undone(page):
     still, controls = page.scene, Controls(page)
-    controls.set("Blow", True)
+    controls.set("Play the wind", True)
     for strength in (2.0, 3.0, 4.0):
         controls.set("Strength", strength)
     controls.wait()
-    assert controls["Blow"]
+    assert controls["Play the wind"]
     assert page.scene.edits == (Wind(strength=4.0),)
     assert len([thread for thread in threading.enumerate() if thread.name == "viewer-wind"]) == 1
     page.scene = still
-    wait_until(lambda: not controls["Blow"])
+    wait_until(lambda: not controls["Play the wind"])
     wait_until(lambda: page.moments[-1] is None)
     # Nothing comes back.
     time.sleep(0.2)
-    assert not controls["Blow"]
+    assert not controls["Play the wind"]
     assert page.scene is still
     assert page.moments[-1] is None
 
 
 def test_a_change_that_is_late_does_not_bring_back_wind_that_was_undone(page):
     still, controls = page.scene, Controls(page)
-    controls.set("Blow", True)
+    controls.set("Play the wind", True)
     controls.wait()
     page.scene = still
-    wait_until(lambda: not controls["Blow"])
+    wait_until(lambda: not controls["Play the wind"])
     controls.set("Strength", 3.0)
     controls.wait()
     assert page.scene is still
-    assert not controls["Blow"]
+    assert not controls["Play the wind"]
 
 
 def test_wind_blows_and_rests_as_often_as_the_box_is_ticked(page):
     controls = Controls(page)
     for _ in range(3):
         for ticked in (True, False):
-            controls.set("Blow", ticked)
+            controls.set("Play the wind", ticked)
         controls.wait()
-    controls.set("Blow", True)
+    controls.set("Play the wind", True)
     controls.wait()
-    assert controls["Blow"]
+    assert controls["Play the wind"]
     wait_until(lambda: page.moments and page.moments[-1] is not None)
-    controls.set("Blow", False)
+    controls.set("Play the wind", False)
     controls.wait()
     assert page.moments[-1] is None
 
@@ -126,9 +126,9 @@ def test_wind_blows_and_rests_as_often_as_the_box_is_ticked(page):
 def test_simulated_wind_goes_on_by_small_steps_however_long_they_take(page):
     controls = Controls(page)
     controls.set("Simulate", True)
-    controls.set("Blow", True)
+    controls.set("Play the wind", True)
     wait_until(lambda: len(page.moments) >= 3)
-    controls.set("Blow", False)
+    controls.set("Play the wind", False)
     controls.wait()
     assert page.scene.edits[0].simulate
     first, second = (moment.strands.points for moment in page.moments[:2])
