@@ -23,6 +23,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from neural_strands.foundation.files import write_json
+
 SUPPORT = Path(__file__).resolve().parents[1] / "tests" / "support"
 sys.path.append(str(SUPPORT))
 
@@ -51,10 +53,7 @@ class Tally:
 
     def save(self, out: Path) -> None:
         """Write the tally atomically."""
-        path = tally_path(out, self.reader)
-        temporary = path.with_suffix(".part")
-        temporary.write_text(json.dumps(vars(self), indent=1))
-        temporary.replace(path)
+        write_json(tally_path(out, self.reader), vars(self))
 
 
 def tally_path(out: Path, reader: str) -> Path:

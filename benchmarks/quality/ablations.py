@@ -31,7 +31,7 @@ from neural_strands.fitting.config import FitConfig, Preset, preset
 from neural_strands.fitting.first_model import fit_prior
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.stereo import find_segments, segments_source
-from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.files import atomic_file, write_json
 from neural_strands.foundation.progress import Feedback, track
 from neural_strands.lmvs.files import save_segments
 from neural_strands.pictures.encoding import write_png
@@ -205,8 +205,7 @@ def write_results(names: list[str], capture: Capture, out: Path) -> None:
         finished = out / folder_name(name) / "figures.json"
         if finished.is_file():
             results[name] = json.loads(finished.read_text())
-    with atomic_file(out / "table.json") as temporary:
-        temporary.write_text(json.dumps(results, indent=1))
+    write_json(out / "table.json", results)
     with atomic_file(out / "table.txt") as temporary:
         temporary.write_text(table(results))
     contact_sheet(list(results), capture, out)

@@ -1,6 +1,5 @@
 """The stages of a subject; they call the same functions as the commands of the same names."""
 
-import json
 import math
 import shutil
 from collections.abc import Callable, Mapping
@@ -21,7 +20,7 @@ from neural_strands.capture.images import read_pixels
 from neural_strands.capture.mask_border import with_corrected_masks
 from neural_strands.fitting.fit_data import check_views
 from neural_strands.fitting.stereo import find_segments, segments_source
-from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs.files import save_segments
 from neural_strands.pictures.encoding import write_png
@@ -134,8 +133,7 @@ def evaluate_subject(work: StageWork) -> dict[str, float]:
     write_report(run, result)
     _write_thumbnail(run.folder.report / "summary.png", work.folder / THUMBNAIL)
     figures = result.as_dict()
-    with atomic_file(work.folder / EVALUATION) as temporary:
-        temporary.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    write_json(work.folder / EVALUATION, figures)
     return {path: value for path in FIGURES if (value := _figure(figures, path)) is not None}
 
 

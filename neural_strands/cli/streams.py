@@ -1,5 +1,6 @@
 """Sentences on standard error, and standard output that is closed, full, or whose reader has left."""
 
+import json
 import os
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,11 @@ def say(sentence: str) -> None:
     """Report one sentence on standard error."""
     sys.stderr.write(f"{sentence}\n")
     sys.stderr.flush()
+
+
+def print_json(document: Any, indent: int | None = None) -> None:
+    """Print one JSON document on standard output: the answer of a command with `--json`."""
+    sys.stdout.write(json.dumps(document, indent=indent) + "\n")
 
 
 class ReaderGoneError(Exception):

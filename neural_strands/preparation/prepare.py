@@ -10,7 +10,6 @@ head          scale, frame, and the head in them
 masks         hair
 """
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file, remove_leftovers, sole_writer
+from neural_strands.foundation.files import remove_leftovers, sole_writer, write_json
 from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
@@ -135,8 +134,7 @@ def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str
         "scalp_faces": len(scalp),
         "template_scalp_faces": len(fitted.head.scalp_faces),
     }
-    with atomic_file(request.out / "preparation.json") as path:
-        path.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    write_json(request.out / "preparation.json", figures)
     return figures
 
 

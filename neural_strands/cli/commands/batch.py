@@ -1,6 +1,5 @@
 """`neural-strands batch`: many subjects on one machine or many."""
 
-import json as json_module
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from neural_strands.cli.streams import say
+from neural_strands.cli.streams import print_json, say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 
@@ -53,7 +52,7 @@ class Batch:
         with shown() as show:
             plan = run_batch(request, show, say)
         if self.json:
-            sys.stdout.write(json_module.dumps(figures(plan, self.out)) + "\n")
+            print_json(figures(plan, self.out))
         else:
             sys.stdout.write(f"{whole(plan)}: {self.out.rstrip('/')}/index.html\n")
         if failed := list(plan.failures):

@@ -1,7 +1,6 @@
 """`neural-strands check`: the contents of a capture folder and its problems."""
 
 import dataclasses
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Check:
         findings = check_capture(self.folder, self.head)
         if self.json:
             rows = [dataclasses.asdict(finding) for finding in findings]
-            sys.stdout.write(json.dumps({"worst": worst(findings), "findings": rows}) + "\n")
+            print_json({"worst": worst(findings), "findings": rows})
         else:
             sys.stdout.write(table(findings))
         errors = sum(finding.level == "error" for finding in findings)

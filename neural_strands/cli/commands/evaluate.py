@@ -1,6 +1,5 @@
 """`neural-strands evaluate`: the paper's tables for a run, and its report."""
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.cli.streams import print_json
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Evaluate:
         write_report(run, result)
         figures = result.as_dict()
         if self.json:
-            sys.stdout.write(json.dumps(figures) + "\n")
+            print_json(figures)
             return
         for name in ("lmvs", "strands"):
             for threshold, row in figures[name].items():

@@ -1,6 +1,5 @@
 """`neural-strands fit`: photographs in, strands and their appearance out."""
 
-import json as json_module
 import sys
 import time
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, leads, pick_device
 from neural_strands.cli.settings import parse_with_settings
-from neural_strands.cli.streams import say
+from neural_strands.cli.streams import print_json, say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.progress import Feedback, track
 
@@ -102,7 +101,7 @@ class Fit:
             "last_step": (read_log(folder.log) or [{}])[-1],
             "files": {name: str(getattr(folder, name)) for name in names},
         }
-        sys.stdout.write(json_module.dumps(figures, indent=2) + "\n")
+        print_json(figures, indent=2)
 
 
 def _settings(name: str, file: Path | None) -> "FitConfig":

@@ -1,6 +1,5 @@
 """`neural-strands fit-head`: a head for a capture that has none."""
 
-import json as json_module
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from neural_strands.cli.head_options import HeadOptions
-from neural_strands.cli.streams import say
+from neural_strands.cli.streams import print_json, say
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.bounds import MetresPerUnit
 
@@ -42,6 +41,6 @@ class FitHead(HeadOptions):
         found = head_of_capture(Capture.load(self.capture), self.head_request(self.scale), say)
         CaptureWriter(self.out).write_head(found.mesh, found.scalp)
         if self.json:
-            sys.stdout.write(json_module.dumps({**found.figures, "scalp_faces": len(found.scalp)}) + "\n")
+            print_json({**found.figures, "scalp_faces": len(found.scalp)})
             return
         sys.stdout.write(f"{self.out / 'head.obj'}: {len(found.mesh.vertices)} vertices\n")

@@ -1,15 +1,13 @@
 """`neural-strands head`: the scalp of a head mesh, and its chart."""
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
-if TYPE_CHECKING:
-    pass
+from neural_strands.cli.streams import print_json
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,6 @@ class HeadCheck:
 
             write_png(self.picture, chart_plot(head.scalp_uv, roots.uv))
         if self.json:
-            sys.stdout.write(json.dumps(figures) + "\n")
+            print_json(figures)
             return
         sys.stdout.write("".join(f"{name.replace('_', ' '):<20}{value}\n" for name, value in figures.items()))

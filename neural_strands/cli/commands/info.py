@@ -1,6 +1,5 @@
 """`neural-strands info`: the contents of a groom."""
 
-import json
 import math
 import sys
 from dataclasses import dataclass
@@ -8,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+
+from neural_strands.cli.streams import print_json
 
 if TYPE_CHECKING:
     from neural_strands.grooms.groom import Groom
@@ -39,7 +40,7 @@ class Info:
 
         facts = summary(read_groom(self.file))
         if self.json:
-            sys.stdout.write(json.dumps({"file": str(self.file), **facts}) + "\n")
+            print_json({"file": str(self.file), **facts})
             return
         low, high = facts["bbox_min"], facts["bbox_max"]
         per_strand = [facts[f"points_per_strand_{name}"] for name in ("min", "max")]

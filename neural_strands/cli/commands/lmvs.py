@@ -1,6 +1,5 @@
 """`neural-strands lmvs`: line segments of the hair from a capture's photographs."""
 
-import json as json_module
 import math
 import sys
 import time
@@ -12,7 +11,7 @@ import tyro
 
 from neural_strands.capture.hold_out import training_views
 from neural_strands.cli.device import DeviceName, pick_device, seeded
-from neural_strands.cli.streams import say
+from neural_strands.cli.streams import print_json, say
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
@@ -107,7 +106,7 @@ class Lmvs:
             "file": str(self.out / "segments.npz"),
         }
         if self.json:
-            sys.stdout.write(json_module.dumps(result) + "\n")
+            print_json(result)
         else:
             sys.stdout.write("{segments} segments, {points} points, {seconds} s: {file}\n".format(**result))
 

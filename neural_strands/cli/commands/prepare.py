@@ -1,6 +1,5 @@
 """`neural-strands prepare`: a folder of photographs becomes a capture."""
 
-import json as json_module
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from neural_strands.cli.head_options import HeadOptions
-from neural_strands.cli.streams import say
+from neural_strands.cli.streams import print_json, say
 from neural_strands.preparation.bounds import FrameCount, LongestSide, MetresPerUnit, PupilDistance
 
 
@@ -64,6 +63,6 @@ class Prepare(HeadOptions):
         )
         figures = prepare(request, say)
         if self.json:
-            sys.stdout.write(json_module.dumps(figures) + "\n")
+            print_json(figures)
             return
         sys.stdout.write(f"{self.out}: {figures['cameras']} views; next: neural-strands check {self.out}\n")

@@ -1,7 +1,6 @@
 """`neural-strands render`: images or a video of a fitted model."""
 
 import itertools
-import json as json_module
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
@@ -84,7 +84,10 @@ class Render:
             "out": str(self.out),
         }
         sentence = "{frames} frames in {seconds} s: {out}\n".format(**result)
-        sys.stdout.write(json_module.dumps(result) + "\n" if self.json else sentence)
+        if self.json:
+            print_json(result)
+        else:
+            sys.stdout.write(sentence)
 
     def _check(self) -> None:
         """Refuse arguments that contradict each other, before anything is loaded."""

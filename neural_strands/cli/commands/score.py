@@ -1,6 +1,5 @@
 """`neural-strands score`: how well strands or line segments agree with true strands."""
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Score:
             scalp = None if head.scalp_faces is None else head.scalp_faces.to(device)
             fit = fit_to_head(predicted, head.mesh.to(device), scalp)
         if self.json:
-            sys.stdout.write(json.dumps(as_dict(scores, fit)) + "\n")
+            print_json(as_dict(scores, fit))
         else:
             sys.stdout.write(f"{len(predicted)} predicted points, {len(truth)} true points\n")
             sys.stdout.write(table(scores, fit))

@@ -1,6 +1,5 @@
 """`neural-strands score-views`: renderings of a capture's views, by any renderer, against its photographs."""
 
-import json
 import math
 import sys
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import tyro
 
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY, held_out_views
 from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
@@ -64,7 +64,7 @@ class ScoreViews:
         if self.json:
             rows = [{"name": score.view.name, **score.quality.as_dict()} for score in scores]
             lpips = {"network": self.lpips, "training_loss_of_fit": bool(note), "absent": absent}
-            sys.stdout.write(json.dumps(_plain({"views": rows, "mean": means.as_dict(), "lpips": lpips})) + "\n")
+            print_json(_plain({"views": rows, "mean": means.as_dict(), "lpips": lpips}))
             return
         rows = [(score.view.name, *score.quality.cells()) for score in scores]
         sys.stdout.write(_table([("view", *HEADS), *rows, ("mean", *means.cells())]))

@@ -1,6 +1,5 @@
 """`neural-strands synthesize`: a capture with ground truth, from a procedural groom or one of your own."""
 
-import json as json_module
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from neural_strands.cli.device import seeded
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -85,7 +85,10 @@ class Synthesize:
             f"{self.out}: {self.views} views of {self.resolution} x {self.resolution} pixels, {len(groom):,} strands; "
             f"{rendered} views rendered now."
         )
-        sys.stdout.write((json_module.dumps(figures) if self.json else sentence) + "\n")
+        if self.json:
+            print_json(figures)
+        else:
+            sys.stdout.write(f"{sentence}\n")
 
     def _head(self) -> "Head":
         from neural_strands.scalp.load import load_head

@@ -1,6 +1,5 @@
 """`neural-strands prior-report`: how well the strand prior reproduces the strands of grooms."""
 
-import json
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device, seeded
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class PriorReport:
 
             write_png(self.picture, panels_plot(panels, labels, "true (black), encoded and decoded (red); cm"))
         if self.json:
-            sys.stdout.write(json.dumps(report) + "\n")
+            print_json(report)
 
     def _errors(self, prior: "StrandPrior", pca: "StrandPca", strands: "Tensor") -> "dict[str, ReconstructionError]":
         import torch

@@ -1,6 +1,5 @@
 """`neural-strands train-prior`: train the strand generator and its encoder."""
 
-import json
 import math
 import sys
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.cli.streams import print_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.prior_training.config import TrainPriorConfig
 
@@ -76,6 +76,6 @@ class TrainPrior:
         )
         error = held_out_error(prior, held_out_curves(self.seed, config.curves).to(device))
         if self.json:
-            sys.stdout.write(json.dumps({"weights": str(self.out), "held_out_mm": error}) + "\n")
+            print_json({"weights": str(self.out), "held_out_mm": error})
         else:
             sys.stdout.write(f"{self.out}: held-out error {error:.3f} mm\n")

@@ -1,6 +1,5 @@
 """`neural-strands prior-traverse`: what the latent of the strand prior controls, as pictures and correlations."""
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device, seeded
+from neural_strands.cli.streams import print_json
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -88,7 +88,7 @@ class PriorTraverse:
         }
         write_json(self.out / "traversal.json", numbers)
         if self.json:
-            sys.stdout.write(json.dumps(numbers) + "\n")
+            print_json(numbers)
             return
         for name, found in numbers["directions"].items():
             sys.stdout.write(
