@@ -6,14 +6,15 @@ how it began. Nothing waits for a time to pass, only for what is to happen.
 
 import re
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 import torch
-from headless_browser import PATIENCE, Browser, Tab, headless_browser
+from headless_browser import PATIENCE, Browser, headless_browser
 from tiny_capture import tiny_config
+from watched_page import ALIKE, PIXELS, WINDOW, Watched, difference
 
 from neural_strands.editing.edit_list import read_edits
 from neural_strands.editing.settings import Blend, Density, Haircut, Sample, Transfer, Wind
@@ -24,7 +25,7 @@ from neural_strands.model.files import find_hair_model, load_hair_model, save_ha
 from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.viewer.beside import page_beside
 from neural_strands.viewer.history import History
-from neural_strands.viewer.page import JPEG_QUALITY, FrameRequest, Look, frame_of
+from neural_strands.viewer.page import Look
 from neural_strands.viewer.panels.region import BRUSH
 from neural_strands.viewer.panels.tabs import Tabs
 from neural_strands.viewer.serve import ServedPage
@@ -32,103 +33,10 @@ from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
 pytestmark = pytest.mark.slow
 
-PIXELS = 256
-"""Longer side of the finest pictures: small, because the machine may be busy."""
-WINDOW = (760, 460)
-"""Width and height of a window: the panel covers the right half of a narrower one."""
-SMALL = (90, 60)
-"""Width and height at which pictures are compared, so that the size that was drawn does not count."""
-ALIKE = 0.4
-"""Mean difference of pictures of one thing, of 255 levels."""
 APART = 1.0
 """Mean difference of pictures of different things."""
 DARK = 80
 """Level below which a pixel shows hair; skin and background are lighter."""
-
-
-@dataclass
-class Watched:
-    """A tab, and the page behind it, which says what the tab has to show."""
-
-    served: ServedPage
-    tab: Tab
-    browser: int
-    last_request: FrameRequest | None = None
-    last_picture: np.ndarray | None = None
-
-    @property
-    def page(self):
-        return self.tab.page
-
-    @property
-    def scene(self):
-        return self.served.page.scene
-
-    @property
-    def client(self):
-        """viser's side of the tab."""
-        return self.served.page.server.get_clients()[self.browser]
-
-    def rendered(self):
-        """The finest picture that the renderer draws for the tab's camera."""
-        return frame_of(self.served.page.request_of(self.client), PIXELS).picture
-
-    def drawn(self):
-        """The same picture, as it is sent."""
-        request = self.served.page.request_of(self.client)
-        if request != self.last_request:
-            picture = frame_of(request, PIXELS).picture
-            _, sent = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
-            self.last_request, self.last_picture = request, cv2.imdecode(sent, cv2.IMREAD_COLOR)[..., ::-1]
-        assert self.last_picture is not None
-        return self.last_picture
-
-    def shown(self):
-        """The canvas, once it shows what the renderer draws now; the camera may still be moving."""
-        return self.tab.until(lambda canvas: difference(canvas, self.drawn()) < ALIKE)
-
-    def open(self, tab, folder=None):
-        """Open a tab of the panel, and in it a folder that is closed at first."""
-        self.page.get_by_role("tab", name=tab).click()
-        if folder is not None:
-            self.page.get_by_text(folder, exact=True).click()
-
-    def press(self, button):
-        self.page.get_by_role("button", name=button).click()
-
-    def says(self, text):
-        """Wait until the page says something."""
-        self.page.get_by_text(text).wait_for()
-
-    def cut(self, way, control, value):
-        """Cut the hair in one of the ways of the panel."""
-        self.open("Edit")
-        self.page.get_by_role("combobox", name="Cut").click()
-        self.page.get_by_role("option", name=way).click()
-        self.tab.fill(control, value)
-        self.press("Cut the hair")
-
-    def undo(self, listed):
-        """Take the last edit back, which the list describes so."""
-        self.page.get_by_text("Undo", exact=True).click()
-        self.page.get_by_text(listed).wait_for(state="detached")
-
-    def pixel(self, point):
-        """Where a place in the world lies in the window."""
-        camera = self.served.page.camera_of(self.client).sized(max(WINDOW))
-        pixels, _ = camera.project(point[None])
-        x, y = pixels[0].tolist()
-        return x, y
-
-    def painted(self):
-        """How many strands the page says grow in the painted region."""
-        return int(re.search(r"the ([\d,]+) strands", self.page.get_by_text("painted region.").inner_text())[1])
-
-    def download(self, button):
-        """What a button saves."""
-        with self.page.expect_download() as download:
-            self.press(button)
-        return download.value
 
 
 @pytest.fixture(scope="module")
@@ -190,12 +98,6 @@ def other(tiny_run, tmp_path):
         model.textures.shape.copy_(model.textures.shape.flip(0) * 0.5)
     save_hair_model(model, tmp_path / "other", {})
     return tmp_path / "other"
-
-
-def difference(a, b):
-    """Mean difference of two pictures, in levels."""
-    small = [cv2.resize(each.astype(np.float32), SMALL, interpolation=cv2.INTER_AREA) for each in (a, b)]
-    return float(np.abs(small[0] - small[1]).mean())
 
 
 def test_a_page_shows_hair_and_turns(tab):
