@@ -24,6 +24,14 @@ from neural_strands.scalp.mesh_file import read_mesh_file
 
 LOCK = 0.02
 """Size of the locks in which an uneven edge varies, metres."""
+REMEDIES = {
+    "length": "give a longer one",
+    "fraction": "give a smaller one",
+    "plane": "move it or turn it round",
+    "box": "move or enlarge it",
+    "mesh": "move or enlarge it",
+}
+"""Advice on a haircut that would leave no hair, for each of `WAYS`."""
 POINTS_AT_ONCE = 2**20
 """Number of points whose distance to a mesh is computed together, to bound memory."""
 
@@ -43,8 +51,8 @@ def cut_hair(haircut: Haircut, strands: Strands) -> Strands:
     if not remain.any():
         way = next(name for name in WAYS if getattr(haircut, name) is not None)
         raise InputError(
-            f"haircut: expected hair to remain, found that the {way} cuts off all {len(strands)} strands; move or "
-            "enlarge it."
+            f"haircut: expected hair to remain, found that the {way} cuts off all {len(strands):,} strands; "
+            f"{REMEDIES[way]}."
         )
     if not remain.all():
         strands, kept, arc = strands.select(remain), kept[remain], arc[remain]

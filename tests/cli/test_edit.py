@@ -47,7 +47,7 @@ def test_cut_then_apply_a_list_then_render(model, tmp_path, capsys):
         (["haircut", "--fraction", "2"], "haircut: fraction: expected a finite number from 0.0 to 1.0, found 2.0"),
         (["haircut", "--unevn", "2"], "--unevn: expected an option such as --uneven"),
         (["haircut", "--uneven", "wide"], "--uneven: expected a number, found 'wide'"),
-        (["haircut", "--plane", "0", "-9", "0", "0", "1", "0"], "the plane cuts off all 200 strands; move or enlarge"),
+        (["haircut", "--plane", "0", "-9", "0", "0", "1", "0"], "the plane cuts off all 200 strands; move it or turn"),
         (["haircut", "--mesh", "absent.ply", "--uneven", "0"], "absent.ply"),
     ],
 )

@@ -141,6 +141,8 @@ def test_a_painted_region_is_cut_and_the_rest_is_not(strands):
 def test_refusals(strands):
     with pytest.raises(InputError, match="plane cuts off all 200 strands; move"):
         cut_hair(Haircut(plane=(0.0, 1.0, 0.0, 0.0, -1.0, 0.0)), strands)
+    with pytest.raises(InputError, match="fraction cuts off all 200 strands; give a smaller one"):
+        cut_hair(Haircut(fraction=1.0), strands)
     with pytest.raises(InputError, match="found none in it; paint where roots are"):
         cut_hair(Haircut(length=0.1, region=((3.0, 3.0, 0.1),)), strands)
     with pytest.raises(InputError, match="expected strands with root_uv for a painted region"):
