@@ -14,6 +14,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.model.files import load_hair_model
 from neural_strands.runs.newest_model import StateFile, load_newest_model, newest_state
 from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.viewer.layers import HEAD
 from neural_strands.viewer.panels.fit import label
 from neural_strands.viewer.serve import ServedPage
 from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
@@ -101,9 +102,14 @@ def test_hair_appears_with_the_first_state(run, serve):
     served = serve(run.path)
     assert served.page.scene.renderer is None
     assert served.page.scene.photographs is not None
+    # Until there is hair, the head is shown.
+    assert served.page.look.objects == {HEAD}
+    assert served.page.server.scene.get_handle_by_name(HEAD) is not None
     shutil.move(hidden / "checkpoint.pt", run.checkpoint)
     assert served.refresh()
     assert served.page.scene.renderer is not None
+    assert served.page.look.objects == set()
+    assert served.page.server.scene.get_handle_by_name(HEAD) is None
 
 
 def test_a_broken_state_leaves_what_was_shown(run, serve, caplog):
