@@ -27,7 +27,8 @@ from neural_strands.capture.hold_out import HOLD_OUT_EVERY, training_views
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, fit_to_head, score_geometry
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.fitting.config import preset
-from neural_strands.fitting.first_strands import trace_first_strands
+from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
+from neural_strands.fitting.fit_data import head_distance
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import track
@@ -141,7 +142,8 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
     else:
         kept = capture.subset(training_views(len(capture), HOLD_OUT_EVERY))
         views, random = kept.views_on(), torch.Generator().manual_seed(seed)
-        points = trace_first_strands(head, segments, views, arguments.strands, config.initial, random).points
+        roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
+        points = trace_first_strands(head, segments, views, roots, config.initial, head_distance(head.mesh)).points
     true, ours = sample_strands(truth.points), sample_strands(points)
     scores = score_geometry(ours, true, STRICT)
     stereo = score_geometry(sample_segments(segments), true, STRICT, with_consistency=False)

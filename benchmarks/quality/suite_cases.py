@@ -16,7 +16,9 @@ from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
+from neural_strands.flow.curls import wound as wound_about
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.point_queries import assign_locks
 from neural_strands.geometry.resample import resample
 from neural_strands.geometry.strands import Strands, lengths_along
 from neural_strands.grooms.io import read_groom
@@ -24,7 +26,6 @@ from neural_strands.scalp.fit_similarity import fit_similarity
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.load import load_head
 from neural_strands.scalp.mannequin import mannequin
-from neural_strands.synthesis.detail import assign_locks, strand_frames
 from neural_strands.synthesis.dome import DomeConfig
 from neural_strands.synthesis.groom import GRID_MARGIN, GRID_SPACING, covering_widths, make_groom
 from neural_strands.synthesis.path_tracer import TracingConfig
@@ -151,12 +152,11 @@ def wound(strands: Strands, head: Head, winding: Winding, generator: torch.Gener
     phase = 2 * math.pi * (length / pitch + drawn(0.5, 0.05))
     risen = (length / winding.pitch).clamp(max=1)
     size = winding.radius * torch.exp(drawn(0.15, 0.1)) * risen * risen * (3 - 2 * risen)
-    normals = points[:, 0] - head.mesh.vertices.mean(dim=0)
-    frames = strand_frames(points, torch.nn.functional.normalize(normals, dim=-1))
-    offset = torch.stack([size * phase.cos(), winding.roundness * size * phase.sin()], dim=-1)
+    normals = torch.nn.functional.normalize(points[:, 0] - head.mesh.vertices.mean(dim=0), dim=-1)
+    curves = wound_about(points, normals, size, phase, winding.roundness)
     height, outward = SignedDistanceGrid.build(head.mesh, GRID_SPACING, GRID_MARGIN).with_outward(points)
     lift = (size - height.clamp(min=0.0)).clamp(min=0.0)
-    return Strands(points + lift[..., None] * outward + (frames[..., :2] @ offset[..., None]).squeeze(-1))
+    return Strands(curves + lift[..., None] * outward)
 
 
 def _head(name: HeadName, data: Path) -> Head:

@@ -23,7 +23,8 @@ from neural_strands.capture.head import find_head
 from neural_strands.evaluation.geometry_metrics import Agreement, Threshold, matched_shares
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
 from neural_strands.fitting.config import preset
-from neural_strands.fitting.first_strands import trace_first_strands
+from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
+from neural_strands.fitting.fit_data import head_distance
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.flow.tracing import TracedStrands
 from neural_strands.flow.unseen import unseen_points
@@ -132,7 +133,8 @@ def main(arguments: Arguments) -> None:
         segments = find_segments(kept, head, config, work, track)
     views = kept.views_on()
     random = torch.Generator().manual_seed(0)
-    found = trace_first_strands(head, segments, views, arguments.strands, config.initial, random)
+    roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
+    found = trace_first_strands(head, segments, views, roots, config.initial, head_distance(head.mesh))
     index = MeshIndex(head.mesh)
     before = [HeadView.of(camera, index) for camera in views.cameras]
     result = figures(found, truth.points, before, head.mesh)

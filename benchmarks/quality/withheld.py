@@ -29,7 +29,8 @@ from neural_strands.capture.hold_out import HOLD_OUT_EVERY, training_views
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, score_geometry
 from neural_strands.evaluation.oriented_points import sample_strands
 from neural_strands.fitting.config import FitConfig, preset
-from neural_strands.fitting.first_strands import trace_first_strands
+from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
+from neural_strands.fitting.fit_data import head_distance
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.mesh import Mesh
@@ -113,7 +114,8 @@ def first_strands(capture: Capture, head: Head, count: int, config: FitConfig, f
     if not file.is_file():
         save_segments(file, find_segments(kept, head, config, file.with_suffix(""), track))
     views, random = kept.views_on(), torch.Generator().manual_seed(config.seed)
-    return trace_first_strands(head, load_segments(file), views, count, config.initial, random).points
+    roots = hair_roots(head, count, views, config.initial.hull, random)
+    return trace_first_strands(head, load_segments(file), views, roots, config.initial, head_distance(head.mesh)).points
 
 
 def main(arguments: Arguments) -> None:

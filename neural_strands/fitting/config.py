@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY
-from neural_strands.fitting.first_strands import InitialConfig
 from neural_strands.fitting.losses import ChamferConfig
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.trimap import TrimapConfig
+from neural_strands.flow.hair_flow import InitialConfig
 from neural_strands.foundation.configs import Between, check_config, config_from_json, read_settings
 from neural_strands.foundation.errors import InputError, excerpt
 from neural_strands.lmvs.growth import GrowthConfig

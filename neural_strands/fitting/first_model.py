@@ -6,9 +6,10 @@ from pathlib import Path
 import torch
 
 from neural_strands.fitting.config import FitConfig
-from neural_strands.fitting.first_strands import flow_latents, hair_flow, hair_roots, texture_from_latents
+from neural_strands.fitting.first_strands import hair_roots, texture_from_latents, trace_first_strands
 from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
+from neural_strands.geometry.frames import to_local
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.seen_directions import seen_from
 from neural_strands.prior.vae import StrandPrior, load_prior
@@ -33,9 +34,10 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
     model.seen_from = seen_from(places, model.background.centre.cpu())
     if config.initialise == "flow":
-        roots, mesh = roots.to(device), data.head.mesh
-        flow = hair_flow(data.segments, data.views, mesh, roots, config.initial, data.distance)
-        latents = flow_latents(flow, roots, prior, replace(config.initial.trace, points=config.model.points))
+        roots = roots.to(device)
+        initial = replace(config.initial, trace=replace(config.initial.trace, points=config.model.points))
+        strands = trace_first_strands(data.head, data.segments, data.views, roots, initial, data.distance)
+        latents = prior.encode(to_local(strands.points, roots.position, roots.frame))
         model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
     return model
 

@@ -1,100 +1,31 @@
-"""The initial shape texture: strands traced through the flow, then encoded by the prior."""
+"""The initial strands: traced through the flow of the hair; and the shape texture that holds their latents."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+import logging
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from neural_strands.flow.conservation import ConservationConfig, conserve
-from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
-from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull, hairy_points
-from neural_strands.flow.tracing import TraceConfig, TracedStrands, trace_hair
-from neural_strands.flow.unseen import UnseenConfig, guess_unseen, head_layer
+from neural_strands.fitting.curls.search import curl_strands, find_curls
+from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_masks, hair_room
+from neural_strands.flow.hull import HullConfig, hairy_points
+from neural_strands.flow.tracing import TracedStrands, trace_hair
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
-from neural_strands.geometry.frames import to_local
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView
-from neural_strands.prior.vae import StrandPrior
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import Roots, sample_roots
 
-VOXEL_BYTES = 180
-"""Peak memory of `hair_flow`, bytes per voxel of its grid (152 and 181 measured)."""
-
+log = logging.getLogger(__name__)
 
 ABOVE_ROOT = 0.003
 """Height above a root at which the views are tested for hair, metres."""
 LEAST_HAIRY = 0.3
 """Least share of the scalp that the masks of its own hair cover."""
-
-
-@dataclass(frozen=True)
-class InitialConfig:
-    """Settings of the initial strands."""
-
-    flow: FlowConfig = field(default_factory=FlowConfig)
-    """The volume of growth directions."""
-    conservation: ConservationConfig = field(default_factory=ConservationConfig)
-    """How the flow is made to conserve the number of strands."""
-    hull: HullConfig = field(default_factory=HullConfig)
-    """Where hair can be."""
-    unseen: UnseenConfig = field(default_factory=UnseenConfig)
-    """How hair that no view sees is continued from what is seen."""
-    trace: TraceConfig = field(default_factory=TraceConfig)
-    """Streamlines from the scalp."""
-
-
-def flow_memory(points: Float[Tensor, "point 3"], config: FlowConfig) -> int:
-    """Peak memory of `hair_flow` for hair and roots at these points, bytes."""
-    return VOXEL_BYTES * grid_around(points, config.spacing, config.margin).count
-
-
-def hair_flow(
-    segments: LineSegments,
-    views: Views,
-    head: Mesh,
-    roots: Roots,
-    config: InitialConfig,
-    distance: SignedDistanceGrid | None = None,
-) -> FlowField:
-    """Estimate directions and extent of the hair from segments, masks (where there are any) and the scalp.
-
-    Args:
-        segments: line segments, signed from root to tip.
-        views: the views, with or without hair masks.
-        head: mesh of the head.
-        roots: roots on its scalp.
-        config: settings of the initial strands.
-        distance: signed distance to the head, if the caller has sampled it already; only saves time.
-    """
-    known = torch.cat([segments.points, roots.position])
-    grid = grid_around(known, config.flow.spacing, config.flow.margin)
-    index = MeshIndex(head)
-    before = [HeadView.of(camera, index) for camera in views.cameras]
-    masked = any(views.has_hair_mask)
-    if masked:
-        domain = hair_hull(grid, _hair_masks(views, before), head, config.hull, distance)
-    else:
-        domain = covered_volume(grid, segments.points, head, config.hull, distance)
-    layer = head_layer(grid, before, head, config.unseen)
-    domain, guess = guess_unseen(layer, grid, domain, segments, head, masked, config.unseen)
-    smooth = diffuse_directions(grid, domain, segments, roots.position, roots.normal, config.flow, guess)
-    return conserve(smooth, roots.position, roots.normal, config.hull.head_depth, config.conservation)
-
-
-def _hair_masks(views: Views, before: Sequence[HeadView]) -> Iterator[tuple[HeadView, Float[Tensor, "height width"]]]:
-    """The views that have a hair mask, each with the depth of the head in it."""
-    for index, view in enumerate(before):
-        mask = views.hair_mask(index) if views.has_hair_mask[index] else None
-        if mask is not None:
-            yield view, mask
 
 
 def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generator: torch.Generator) -> Roots:
@@ -120,7 +51,7 @@ def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generat
 
     def hairy(some: Roots) -> Bool[Tensor, " root"]:
         points = (some.position + ABOVE_ROOT * some.normal).to(device)
-        return hairy_points(points, _hair_masks(views, before), config).cpu()
+        return hairy_points(points, hair_masks(views, before), config).cpu()
 
     kept = hairy(roots)
     share = float(kept.float().mean())
@@ -135,29 +66,35 @@ def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generat
 
 
 def trace_first_strands(
-    head: Head, segments: LineSegments, views: Views, count: int, config: InitialConfig, generator: torch.Generator
+    head: Head,
+    segments: LineSegments,
+    views: Views,
+    roots: Roots,
+    config: InitialConfig,
+    distance: SignedDistanceGrid,
 ) -> TracedStrands:
-    """Trace initial strands from a number of roots, without encoding them by a prior.
+    """Trace a strand from every root through the flow of the hair; where the photographs show curls, curl it.
 
     Args:
-        head: mesh and chart.
+        head: mesh and chart, on the device of the segments.
         segments: line segments of the hair, signed from root to tip.
         views: the views from which the segments were reconstructed.
-        count: number of roots.
+        roots: where strands start.
         config: settings of the initial strands.
-        generator: draws the roots.
+        distance: signed distance to the head.
     """
-    roots = hair_roots(head, count, views, config.hull, generator)
-    flow = hair_flow(segments, views, head.mesh, roots, config)
+    room = hair_room(segments, views, head.mesh, roots.position, config, distance)
+    found = find_curls(room, segments, views, roots.position, roots.normal, config)
+    if found is not None:
+        log.info(
+            "the hair curls: radius %.1f mm, %.0f mm a turn, %s-handed",
+            1e3 * found.curl.radius,
+            1e3 * found.curl.pitch,
+            "right" if found.curl.turn > 0 else "left",
+        )
+        return curl_strands(found, roots.position, roots.normal, distance, config)
+    flow = hair_flow(room, segments, roots.position, roots.normal, config)
     return trace_hair(flow, roots.position, roots.normal, config.trace)
-
-
-def flow_latents(
-    field: FlowField, roots: Roots, prior: StrandPrior, config: TraceConfig
-) -> Float[Tensor, "root latent"]:
-    """Trace a strand from every root and encode it by the prior."""
-    strands = trace_hair(field, roots.position, roots.normal, config).points
-    return prior.encode(to_local(strands, roots.position, roots.frame))
 
 
 def texture_from_latents(

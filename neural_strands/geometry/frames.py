@@ -4,6 +4,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.geometry.strands import directions
+
 
 def orthonormal_frames(
     normals: Float[Tensor, "*batch 3"], tangents: Float[Tensor, "*batch 3"]
@@ -39,3 +41,17 @@ def to_world(
 ) -> Float[Tensor, "strand point 3"]:
     """Inverse of `to_local`."""
     return points @ frames.transpose(-1, -2) + origins[:, None]
+
+
+def strand_frames(
+    points: Float[Tensor, "strand point 3"], normals: Float[Tensor, "strand 3"]
+) -> Float[Tensor, "strand point 3 3"]:
+    """Twist-free frames along each strand; columns are sideways, across, along."""
+    along = directions(points)
+    sideways = torch.linalg.cross(along[:, 0], normals, dim=-1)
+    frames = []
+    for index in range(points.shape[1]):
+        frame = orthonormal_frames(along[:, index], sideways)
+        sideways = frame[..., 0]
+        frames.append(frame)
+    return torch.stack(frames, dim=1)

@@ -7,9 +7,11 @@ import itertools
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 import warp as wp
 from jaxtyping import Float, Int32, Int64
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from neural_strands.foundation.kernels import array, launch_split
@@ -130,3 +132,16 @@ def _check_thresholds(thresholds: Sequence[tuple[float, float]]) -> None:
     growing = all(a[0] <= b[0] and a[1] <= b[1] for a, b in itertools.pairwise(thresholds))
     if not 0 < len(thresholds) <= MOST_LEVELS or not growing or thresholds[0][0] <= 0:
         raise ValueError(f"expected 1 to {MOST_LEVELS} growing (radius, angle) thresholds, found {list(thresholds)}")
+
+
+def assign_locks(
+    roots: Float[Tensor, "strand 3"], spacing: float, generator: torch.Generator
+) -> Int64[Tensor, " strand"]:
+    """The strand that leads each strand's lock: the nearest of the leaders, which are about `spacing` metres apart."""
+    order = torch.randperm(len(roots), generator=generator, device=generator.device).cpu().numpy()
+    places = roots.detach().cpu().numpy()
+    cells = np.floor(places / (1.2 * spacing)).astype(np.int64)
+    _, first = np.unique(cells[order], axis=0, return_index=True)
+    leaders = order[first]
+    nearest = KDTree(places[leaders]).query(places)[1]
+    return torch.from_numpy(leaders[nearest]).to(roots.device)

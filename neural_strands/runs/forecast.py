@@ -8,11 +8,11 @@ from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.timing import peak_memory
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.first_model import begin
-from neural_strands.fitting.first_strands import flow_memory
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.schedule import appearance_begins
+from neural_strands.flow.hair_flow import flow_memory
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.prior.vae import StrandPrior

@@ -2,15 +2,14 @@
 
 import math
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from scipy.spatial import KDTree
 from torch import Tensor
 
 from neural_strands.foundation.smoothstep import smoothstep
-from neural_strands.geometry.frames import orthonormal_frames
-from neural_strands.geometry.strands import directions, lengths, lengths_along
+from neural_strands.geometry.frames import strand_frames
+from neural_strands.geometry.point_queries import assign_locks
+from neural_strands.geometry.strands import lengths, lengths_along
 from neural_strands.synthesis.styles import Style
 
 FRIZZ_MODES = 4
@@ -39,19 +38,6 @@ def add_detail(
     return gathered + (frames[..., :2] @ offset[..., None]).squeeze(-1)
 
 
-def assign_locks(
-    roots: Float[Tensor, "strand 3"], spacing: float, generator: torch.Generator
-) -> Int64[Tensor, " strand"]:
-    """The strand that leads each strand's lock: the nearest of the leaders, which are about `spacing` metres apart."""
-    order = torch.randperm(len(roots), generator=generator, device=generator.device).cpu().numpy()
-    places = roots.detach().cpu().numpy()
-    cells = np.floor(places / (1.2 * spacing)).astype(np.int64)
-    _, first = np.unique(cells[order], axis=0, return_index=True)
-    leaders = order[first]
-    nearest = KDTree(places[leaders]).query(places)[1]
-    return torch.from_numpy(leaders[nearest]).to(roots.device)
-
-
 def gather_locks(
     points: Float[Tensor, "strand point 3"],
     leader: Int64[Tensor, " strand"],
@@ -74,20 +60,6 @@ def gather_locks(
     reach = (length[leader] / length).clamp(max=1.0)[:, None]
     pull = pull * ((reach * 1.15 - along) / 0.15).clamp(0.0, 1.0)
     return points + pull[..., None] * (target - points)
-
-
-def strand_frames(
-    points: Float[Tensor, "strand point 3"], normals: Float[Tensor, "strand 3"]
-) -> Float[Tensor, "strand point 3 3"]:
-    """Twist-free frames along each strand; columns are sideways, outwards, along."""
-    along = directions(points)
-    sideways = torch.linalg.cross(along[:, 0], normals, dim=-1)
-    frames = []
-    for index in range(points.shape[1]):
-        frame = orthonormal_frames(along[:, index], sideways)
-        sideways = frame[..., 0]
-        frames.append(frame)
-    return torch.stack(frames, dim=1)
 
 
 def _waves(

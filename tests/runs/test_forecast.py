@@ -4,9 +4,9 @@ import pytest
 import torch
 
 from neural_strands.fitting.config import FitConfig, preset
-from neural_strands.fitting.first_strands import VOXEL_BYTES, flow_memory
 from neural_strands.fitting.schedule import appearance_begins
 from neural_strands.flow.field import FlowConfig
+from neural_strands.flow.hair_flow import VOXEL_BYTES, flow_memory
 from neural_strands.runs.forecast import Forecast, steps_for
 
 

@@ -126,7 +126,7 @@ def test_a_resumed_fit_traces_no_strands_again(request_of, monkeypatch):
         patch.setattr(fit_module, "_take_step", stopped)
         with pytest.raises(KeyboardInterrupt):
             run_fit(request_of("run"), config, CPU, Feedback())
-    monkeypatch.setattr(first_model, "hair_flow", lambda *_: pytest.fail("traced again"))
+    monkeypatch.setattr(first_model, "trace_first_strands", lambda *_: pytest.fail("traced again"))
     run_fit(request_of("run", resume=True), config, CPU, Feedback())
     assert bits(request_of("run")) == bits(request_of("whole"))
 
