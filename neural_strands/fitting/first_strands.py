@@ -84,17 +84,18 @@ def trace_first_strands(
         distance: signed distance to the head.
     """
     room = hair_room(segments, views, head.mesh, roots.position, config, distance)
-    found = find_curls(room, segments, views, roots.position, roots.normal, config)
-    if found is not None:
-        log.info(
-            "the hair curls: radius %.1f mm, %.0f mm a turn, %s-handed",
-            1e3 * found.curl.radius,
-            1e3 * found.curl.pitch,
-            "right" if found.curl.turn > 0 else "left",
-        )
-        return curl_strands(found, roots.position, roots.normal, distance, config)
     flow = hair_flow(room, segments, roots.position, roots.normal, config)
-    return trace_hair(flow, roots.position, roots.normal, config.trace)
+    plain = trace_hair(flow, roots.position, roots.normal, config.trace)
+    found = find_curls(room, segments, views, plain.points, roots.normal, config)
+    if found is None:
+        return plain
+    log.info(
+        "the hair is curly: curls of %.1f mm radius and %.0f mm a turn, %s-handed",
+        1e3 * found.curl.radius,
+        1e3 * found.curl.pitch,
+        "right" if found.curl.turn > 0 else "left",
+    )
+    return curl_strands(found, roots.position, roots.normal, distance, config)
 
 
 def texture_from_latents(

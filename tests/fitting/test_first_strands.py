@@ -10,8 +10,9 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.evaluation.geometry_metrics import Threshold, matched_shares
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
-from neural_strands.fitting.first_strands import InitialConfig, hair_flow, hair_roots
+from neural_strands.fitting.first_strands import hair_roots
 from neural_strands.flow.field import FlowConfig
+from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_room
 from neural_strands.flow.hull import HullConfig
 from neural_strands.flow.tracing import TracedStrands, trace_hair
 from neural_strands.geometry.line_segments import LineSegments
@@ -56,7 +57,8 @@ def first_strands(views: Views, segments: LineSegments, head: Head) -> TracedStr
     config = InitialConfig(flow=FlowConfig(spacing=0.003))
     roots = sample_roots(head, 1500, torch.Generator().manual_seed(0))
     roots = roots.select(roots.position[:, 1] > math.cos(LOWEST_ROOT) * RADIUS)
-    flow = hair_flow(segments, views, head.mesh, roots, config)
+    room = hair_room(segments, views, head.mesh, roots.position, config)
+    flow = hair_flow(room, segments, roots.position, roots.normal, config)
     return trace_hair(flow, roots.position, roots.normal, config.trace)
 
 

@@ -2,7 +2,8 @@
 
 Segments that all lean to one side of the hair's hanging course are the first sign of curls. Turned back, they show the
 course of the curls' axes. Strands along it are then wound with many radii and pitches, drawn, and compared with the
-photographs by their texture; the hair is curly if one of them looks more like the photographs than straight strands do.
+photographs by their texture. The hair is curly if one of them looks more like the photographs than strands that follow
+the segments as they are.
 """
 
 import math
@@ -14,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.fitting.curls.texture import course_of, drawn_hair, texture_of
+from neural_strands.fitting.curls.texture import Course, Texture, course_of, drawn_hair, texture_of
 from neural_strands.flow.curls import (
     Curl,
     CurlConfig,
@@ -50,8 +51,8 @@ FIRST_INSET = 0.004
 """Depth of the axes below the surface of the hair while the radius is unknown, metres."""
 LEVEL = 0.8
 """Places where the surface of the hair is more level than this (vertical part of its normal) do not show gravity."""
-LEAST_GAIN = 0.15
-"""By how much the texture of curls must come closer to the photographs than that of straight hair."""
+LEAST_GAIN = 0.1
+"""By how much the texture of curls must come closer to the photographs than that of strands along the segments."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,35 @@ class FoundCurls:
 
     curl: Curl
     axes: FlowField
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Drawn hair beside photographs.
+
+    Attributes:
+        photographs: the photographs.
+        axes: strands that follow the course of the hair.
+        courses: that course in each photograph.
+        seen: texture of the photographs.
+    """
+
+    photographs: "Photographs"
+    axes: Float[Tensor, "strand point 3"]
+    courses: Sequence[Course]
+    seen: Texture
+
+    @classmethod
+    def along(cls, axes: Float[Tensor, "strand point 3"], photographs: "Photographs") -> "Comparison":
+        """Measure the texture of photographs relative to strands that follow the course of the hair."""
+        courses = [course_of(axes, camera) for camera in photographs.cameras]
+        return cls(photographs, axes, courses, _texture(photographs.brightness, photographs, courses))
+
+    def of(self, strands: Float[Tensor, "strand point 3"]) -> Texture:
+        """Texture of drawn strands relative to the same course."""
+        random = torch.Generator().manual_seed(0)
+        drawn = [drawn_hair(strands, camera, random) for camera in self.photographs.cameras]
+        return _texture(drawn, self.photographs, self.courses)
 
 
 @dataclass(frozen=True)
@@ -86,7 +116,7 @@ def find_curls(
     room: HairRoom,
     segments: LineSegments,
     views: Views,
-    scalp_points: Float[Tensor, "root 3"],
+    plain: Float[Tensor, "root point 3"],
     scalp_normals: Float[Tensor, "root 3"],
     config: InitialConfig,
 ) -> FoundCurls | None:
@@ -96,14 +126,14 @@ def find_curls(
         room: where hair can be.
         segments: line segments of the hair.
         views: the photographs.
-        scalp_points: roots of the hair.
-        scalp_normals: outward unit normals there.
+        plain: strands traced along the segments as they are.
+        scalp_normals: outward unit normals at their roots.
         config: settings of the initial strands.
     """
     kept = segments.select(segments.confidence >= config.flow.least_confidence)
     if not config.curls.find or not room.masked or not _is_strong(lean_off_gravity(room, kept), config.curls):
         return None
-    scalp = scalp_points, scalp_normals
+    scalp = plain[:, 0], scalp_normals
     course = hanging_flow(room, kept, *scalp, config)
     lean = lean_off(course, kept)
     if not _is_strong(lean, config.curls):
@@ -111,9 +141,12 @@ def find_curls(
     straight = turned_back(kept, course, lean.angle)
     along = replace(config, conservation=replace(config.conservation, way_out=config.curls.way_out))
     axes = hair_flow(room.inset(FIRST_INSET), straight, *scalp, along)
-    traced = trace_hair(axes, *scalp, config.trace).points
-    curl = closest_curl(traced, scalp_normals, photographs(views), -round(math.copysign(1, lean.angle)), config.curls)
-    if curl is None:
+    every = max(1, math.ceil(len(plain) / MOST_STRANDS))
+    traced = trace_hair(axes, *(values[::every] for values in scalp), config.trace).points
+    turn = -round(math.copysign(1, lean.angle))
+    comparison = Comparison.along(traced, photographs(views))
+    curl, difference = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
+    if difference > comparison.of(plain[::every]).difference(comparison.seen) - LEAST_GAIN:
         return None
     if abs(curl.radius - FIRST_INSET) > room.grid.spacing:
         axes = hair_flow(room.inset(curl.radius), straight, *scalp, along)
@@ -174,50 +207,40 @@ def photographs(views: Views) -> Photographs:
 
 
 def closest_curl(
-    axes: Float[Tensor, "strand point 3"],
-    normals: Float[Tensor, "strand 3"],
-    seen: Photographs,
-    turn: int,
-    config: CurlConfig,
-) -> Curl | None:
-    """The curl whose drawing has the texture closest to the photographs'; None if straight hair comes about as close.
+    comparison: "Comparison", normals: Float[Tensor, "strand 3"], turn: int, config: CurlConfig
+) -> tuple[Curl, float]:
+    """The curl whose drawing has the texture closest to the photographs', and how much the two differ.
 
     Args:
-        axes: strands along the axes of the curls.
-        normals: outward unit normals at their roots.
-        seen: the photographs.
+        comparison: the photographs, and strands along the axes of the curls.
+        normals: outward unit normals at the roots of those strands.
         turn: handedness of the curls.
         config: size of the locks that curl in phase.
     """
-    every = max(1, math.ceil(len(axes) / MOST_STRANDS))
-    axes, normals = axes[::every], normals[::every]
-    phase = lock_phases(axes[:, 0], config.lock)
-    courses = [course_of(axes, camera) for camera in seen.cameras]
-    filters = OrientationConfig()
-    wanted = texture_of(seen.brightness, seen.masks, courses, seen.cameras, filters)
+    phase = lock_phases(comparison.axes[:, 0], config.lock)
+    tried: dict[tuple[float, float], Texture] = {}
 
-    def apart(strands: Float[Tensor, "strand point 3"]) -> float:
-        """Difference between drawn strands and the photographs."""
-        random = torch.Generator().manual_seed(0)
-        drawn = [drawn_hair(strands, camera, random) for camera in seen.cameras]
-        return texture_of(drawn, seen.masks, courses, seen.cameras, filters).difference(wanted)
+    def texture(slope: float, pitch: float) -> Texture:
+        if (slope, pitch) not in tried:
+            curl = Curl(slope * pitch / (2 * math.pi), pitch, turn)
+            tried[slope, pitch] = comparison.of(curled(comparison.axes, normals, phase, curl))
+        return tried[slope, pitch]
 
-    tried: dict[Curl, float] = {}
-
-    def difference(slope: float, pitch: float) -> float:
-        curl = Curl(slope * pitch / (2 * math.pi), pitch, turn)
-        if curl not in tried:
-            tried[curl] = apart(curled(axes, normals, phase, curl))
-        return tried[curl]
-
-    # The lean depends on the slope and hardly on the pitch, so the two are searched in turn.
-    slope = min(SLOPES, key=lambda slope: difference(slope, PITCHES[len(PITCHES) // 2]))
-    pitch = min(PITCHES, key=lambda pitch: difference(slope, pitch))
-    min(SLOPES, key=lambda slope: difference(slope, pitch))
-    best = min(tried, key=lambda curl: tried[curl])
-    return best if tried[best] < apart(axes) - LEAST_GAIN else None
+    seen = comparison.seen
+    # The lean depends on the slope and hardly on the pitch, so the two can be searched in turn.
+    slope = min(SLOPES, key=lambda slope: texture(slope, PITCHES[len(PITCHES) // 2]).lean_difference(seen))
+    pitch = min(PITCHES, key=lambda pitch: texture(slope, pitch).difference(seen))
+    slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen))
+    return Curl(slope * pitch / (2 * math.pi), pitch, turn), texture(slope, pitch).difference(seen)
 
 
 def _is_strong(lean: Lean, config: CurlConfig) -> bool:
     """Whether segments lean enough, and enough alike, to be those of curls."""
     return abs(math.degrees(lean.angle)) >= config.least_lean and lean.agreement >= config.least_agreement
+
+
+def _texture(
+    pictures: Sequence[Float[Tensor, "height width"]], seen: Photographs, courses: Sequence[Course]
+) -> Texture:
+    """Texture of pictures from the cameras of the photographs."""
+    return texture_of(pictures, seen.masks, courses, seen.cameras, OrientationConfig())

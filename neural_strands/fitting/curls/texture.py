@@ -69,12 +69,20 @@ class Texture:
 
     def difference(self, other: "Texture") -> float:
         """How much two textures differ: 0 if they are the same; about 1 for straight and curly hair."""
+        # Where turns follow each other counts, but not how regular they are, nor how far locks look alike.
+        alike = functional.cosine_similarity(self._turns(), other._turns(), dim=0)
+        return self.lean_difference(other) + REPETITION * (1 - float(alike))
+
+    def lean_difference(self, other: "Texture") -> float:
+        """Share of the streaks that would have to lean otherwise, from 0 to 1."""
         mine, its = (gaussian_blur(texture.lean[None], BLUR)[0] for texture in (self, other))
-        lean = 0.5 * float((mine - its).abs().sum())
-        # Where a curl's turns lie counts, but not how regular they are.
-        far = [texture.repetition[NEAREST_LAG:] - texture.repetition[NEAREST_LAG:].mean() for texture in (self, other)]
-        alike = float(functional.cosine_similarity(far[0], far[1], dim=0))
-        return lean + REPETITION * (1 - alike)
+        return 0.5 * float((mine - its).abs().sum())
+
+    def _turns(self) -> Float[Tensor, " far"]:
+        """The repetition beyond `NEAREST_LAG` without its linear trend."""
+        far = self.repetition[NEAREST_LAG:].double()
+        line = torch.stack([torch.ones_like(far), torch.linspace(-1, 1, len(far)).to(far)], dim=1)
+        return far - line @ torch.linalg.lstsq(line, far[:, None]).solution[:, 0]
 
 
 def course_of(axes: Float[Tensor, "strand point 3"], camera: Camera) -> Course:

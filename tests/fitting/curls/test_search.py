@@ -1,0 +1,144 @@
+"""Curls are found in drawn photographs of curly hair, and in those of straight hair none."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from tiny_capture import RADIUS, ball
+
+from neural_strands.fitting.curls.search import curl_strands, find_curls, lean_off_gravity
+from neural_strands.fitting.curls.texture import drawn_hair
+from neural_strands.flow.curls import Curl, curled, lock_phases
+from neural_strands.flow.field import FlowConfig
+from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hair_room
+from neural_strands.flow.tracing import trace_hair
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.signed_distance import SignedDistanceIndex
+from neural_strands.geometry.strands import directions, lengths
+from neural_strands.geometry.views import Views
+from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.triangles import rasterise_triangles
+
+CONFIG = InitialConfig(flow=FlowConfig(spacing=0.003))
+TRUE = Curl(0.005, 0.03, -1)
+SIDE, FOCAL, VIEWS = 256, 420.0, 8
+
+
+def hanging_axes(count: int, points: int = 120) -> torch.Tensor:
+    """Strands from the top of the ball that lie on it down to its equator and hang 12 cm from there."""
+    random = torch.Generator().manual_seed(3)
+    azimuth = 2 * math.pi * torch.rand(count, 1, generator=random)
+    start = 0.15 + 1.0 * torch.rand(count, 1, generator=random)
+    layer = RADIUS + 0.003 + 0.012 * torch.rand(count, 1, generator=random)
+    arc = (0.5 * math.pi - start) * layer + 0.12
+    along = arc * torch.linspace(0, 1, points)
+    polar = (start + along / layer).clamp(max=0.5 * math.pi)
+    below = (along - (0.5 * math.pi - start) * layer).clamp(min=0)
+    rise = (along / 0.03).clamp(max=1)
+    radius = RADIUS * (1 - rise) + layer * rise
+    around = radius * polar.sin()
+    return torch.stack([around * azimuth.sin(), radius * polar.cos() - below, around * azimuth.cos()], dim=-1)
+
+
+def head() -> Mesh:
+    return Mesh(torch.from_numpy(ball().vertices).float(), torch.from_numpy(ball().faces).long())
+
+
+class Photographed:
+    """Hair on the ball: its photographs, and as segments the points that they show, with tangents of any sign."""
+
+    def __init__(self, strands: torch.Tensor) -> None:
+        cameras, images, masks, seen = [], [], [], []
+        tangents = directions(strands)
+        random = torch.Generator().manual_seed(0)
+        for k in range(VIEWS):
+            angle = 2 * math.pi * k / VIEWS
+            eye = torch.tensor([0.55 * math.sin(angle), 0.05, 0.55 * math.cos(angle)])
+            camera = Camera.look_at(eye, torch.tensor([0.0, -0.03, 0.0]), FOCAL, (SIDE, SIDE), f"{k:03d}")
+            body = rasterise_triangles(head().vertices, head().faces, camera)
+            buffer = rasterise_lines(strands, camera, body.depth)
+            hair = buffer.segment >= 0
+            bright = torch.where(hair, drawn_hair(strands, camera, random), 0.8)
+            cameras.append(camera)
+            images.append(bright[..., None].expand(-1, -1, 3))
+            masks.append(hair.float())
+            owner, place = buffer.segment[hair] // (strands.shape[1] - 1), buffer.segment[hair] % (strands.shape[1] - 1)
+            seen.append(torch.cat([strands[owner, place], tangents[owner, place]], dim=1)[::3])
+        parts = {"image": images, "hair_mask": masks, "person_mask": [None] * VIEWS}
+        self.views = Views(tuple(cameras), (True,) * VIEWS, lambda index, part: parts[part][index])
+        points = torch.cat(seen)
+        sign = torch.where(torch.rand(len(points), 1, generator=random) < 0.5, -1.0, 1.0)
+        count = len(points)
+        self.segments = LineSegments(points[:, :3], sign * points[:, 3:], torch.ones(count), torch.arange(count))
+        self.roots = strands[:, 0]
+        self.normals = torch.nn.functional.normalize(self.roots, dim=-1)
+
+    def room(self) -> HairRoom:
+        return hair_room(self.segments, self.views, head(), self.roots, CONFIG)
+
+    def plain(self, room: HairRoom) -> torch.Tensor:
+        """Strands traced along the segments as they are, signed downwards."""
+        down = torch.where(self.segments.directions[:, 1:2] > 0, -1.0, 1.0)
+        signed = replace(self.segments, directions=down * self.segments.directions)
+        flow = hair_flow(room, signed, self.roots, self.normals, CONFIG)
+        return trace_hair(flow, self.roots, self.normals, CONFIG.trace).points
+
+
+@pytest.fixture(scope="module")
+def curly() -> Photographed:
+    axes = hanging_axes(3000)
+    normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
+    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
+    return Photographed(curled(axes, normals, lock_phases(axes[:, 0], 0.014), TRUE, distance))
+
+
+@pytest.mark.slow
+def test_curls_are_found_and_wound(curly):
+    room = curly.room()
+    found = find_curls(room, curly.segments, curly.views, curly.plain(room), curly.normals, CONFIG)
+    assert found is not None
+    assert found.curl.turn == TRUE.turn
+    assert found.curl.pitch == pytest.approx(TRUE.pitch, rel=0.25)
+    assert found.curl.slope == pytest.approx(TRUE.slope, rel=0.4)
+    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
+    strands = curl_strands(found, curly.roots, curly.normals, distance, CONFIG).points
+    assert strands.shape == (3000, CONFIG.trace.points, 3)
+    assert torch.allclose(strands[:, 0], curly.roots, atol=1e-5)
+    assert (SignedDistanceIndex(head())(strands.reshape(-1, 3)).distance > -0.002).float().mean() > 0.99
+    assert float(lengths(strands).median()) > 0.12
+
+
+def test_straight_hair_has_no_curls():
+    straight = Photographed(hanging_axes(3000))
+    room = straight.room()
+    lean = lean_off_gravity(room, straight.segments)
+    assert abs(math.degrees(lean.angle)) < 5
+    assert lean.agreement > 0.9
+    assert find_curls(room, straight.segments, straight.views, straight.plain(room), straight.normals, CONFIG) is None
+
+
+@pytest.mark.slow
+def test_straight_hair_combed_to_one_side_has_no_curls(curly):
+    """Segments that lean like those of curls, but photographs that show straight streaks."""
+    axes = hanging_axes(3000)
+    twist = 6.0 * (axes[:, :1, 1] - axes[..., 1]).clamp(min=0)
+    cosine, sine = twist.cos(), twist.sin()
+    x, y, z = axes.unbind(dim=-1)
+    combed = Photographed(torch.stack([cosine * x + sine * z, y, cosine * z - sine * x], dim=-1))
+    room = combed.room()
+    lean = lean_off_gravity(room, combed.segments)
+    assert abs(math.degrees(lean.angle)) > CONFIG.curls.least_lean
+    assert find_curls(room, combed.segments, combed.views, combed.plain(room), combed.normals, CONFIG) is None
+
+
+def test_nothing_is_searched_without_masks_or_if_switched_off(curly):
+
+    room = curly.room()
+    off = replace(CONFIG, curls=replace(CONFIG.curls, find=False))
+    scalp = curly.roots[:, None], curly.normals
+    assert find_curls(room, curly.segments, curly.views, *scalp, off) is None
+    assert find_curls(replace(room, masked=False), curly.segments, curly.views, *scalp, CONFIG) is None
