@@ -96,7 +96,7 @@ def curly() -> Photographed:
     return Photographed(curled(axes, normals, lock_phases(axes[:, 0], 0.014), TRUE, distance))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=40)
 def test_curls_are_found_and_wound(curly):
     room = curly.room()
     found = find_curls(room, curly.segments, curly.views, curly.plain(room), curly.normals, CONFIG)
@@ -121,7 +121,7 @@ def test_straight_hair_has_no_curls():
     assert find_curls(room, straight.segments, straight.views, straight.plain(room), straight.normals, CONFIG) is None
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=50)
 def test_straight_hair_combed_to_one_side_has_no_curls(curly):
     """Segments that lean like those of curls, but photographs that show straight streaks."""
     axes = hanging_axes(3000)
