@@ -28,7 +28,7 @@ from neural_strands.evaluation.geometry_metrics import THRESHOLDS, fit_to_head, 
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
 from neural_strands.fitting.config import preset
 from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
-from neural_strands.fitting.fit_data import head_distance
+from neural_strands.fitting.fit_data import head_distance_grid
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import track
@@ -143,7 +143,7 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
         kept = capture.subset(training_views(len(capture), HOLD_OUT_EVERY))
         views, random = kept.views_on(), torch.Generator().manual_seed(seed)
         roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
-        points = trace_first_strands(head, segments, views, roots, config.initial, head_distance(head.mesh)).points
+        points = trace_first_strands(head, segments, views, roots, config.initial, head_distance_grid(head.mesh)).points
     true, ours = sample_strands(truth.points), sample_strands(points)
     scores = score_geometry(ours, true, STRICT)
     stereo = score_geometry(sample_segments(segments), true, STRICT, with_consistency=False)

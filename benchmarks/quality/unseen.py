@@ -24,7 +24,7 @@ from neural_strands.evaluation.geometry_metrics import Agreement, Threshold, mat
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
 from neural_strands.fitting.config import preset
 from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
-from neural_strands.fitting.fit_data import head_distance
+from neural_strands.fitting.fit_data import head_distance_grid
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.flow.tracing import TracedStrands
 from neural_strands.flow.unseen import unseen_points
@@ -134,7 +134,7 @@ def main(arguments: Arguments) -> None:
     views = kept.views_on()
     random = torch.Generator().manual_seed(0)
     roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
-    found = trace_first_strands(head, segments, views, roots, config.initial, head_distance(head.mesh))
+    found = trace_first_strands(head, segments, views, roots, config.initial, head_distance_grid(head.mesh))
     index = MeshIndex(head.mesh)
     before = [HeadView.of(camera, index) for camera in views.cameras]
     result = figures(found, truth.points, before, head.mesh)

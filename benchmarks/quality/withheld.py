@@ -30,7 +30,7 @@ from neural_strands.evaluation.geometry_metrics import THRESHOLDS, score_geometr
 from neural_strands.evaluation.oriented_points import sample_strands
 from neural_strands.fitting.config import FitConfig, preset
 from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
-from neural_strands.fitting.fit_data import head_distance
+from neural_strands.fitting.fit_data import head_distance_grid
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.mesh import Mesh
@@ -115,7 +115,9 @@ def first_strands(capture: Capture, head: Head, count: int, config: FitConfig, f
         save_segments(file, find_segments(kept, head, config, file.with_suffix(""), track))
     views, random = kept.views_on(), torch.Generator().manual_seed(config.seed)
     roots = hair_roots(head, count, views, config.initial.hull, random)
-    return trace_first_strands(head, load_segments(file), views, roots, config.initial, head_distance(head.mesh)).points
+    return trace_first_strands(
+        head, load_segments(file), views, roots, config.initial, head_distance_grid(head.mesh)
+    ).points
 
 
 def main(arguments: Arguments) -> None:

@@ -16,6 +16,7 @@ from torch.nn import functional
 
 from neural_strands.flow.field import FlowField
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.frames import strand_frames
 from neural_strands.geometry.line_segments import LineSegments
@@ -145,8 +146,7 @@ def curled(
     count = max(axes.shape[1], math.ceil(POINTS_PER_TURN * longest / curl.pitch) + 1)
     dense = resample_polyline_lengths(axes, count)
     turns = lengths_along(dense) / curl.pitch
-    grown = turns.clamp(max=1)
-    radius = curl.radius * grown * grown * (3 - 2 * grown)
+    radius = curl.radius * smoothstep(turns)
     points = wound(dense, normals, radius, phase[:, None] + curl.turn * 2 * math.pi * turns)
     if distance is None:
         return points

@@ -142,7 +142,7 @@ def find_curls(
     along = replace(config, conservation=replace(config.conservation, way_out=config.curls.way_out))
     axes = hair_flow(room.inset(FIRST_INSET), straight, *scalp, along)
     every = max(1, math.ceil(len(plain) / MOST_STRANDS))
-    traced = trace_hair(axes, *(values[::every] for values in scalp), config.trace).points
+    traced = trace_hair(axes, plain[::every, 0], scalp_normals[::every], config.trace).points
     turn = -round(math.copysign(1, lean.angle))
     comparison = Comparison.along(traced, photographs(views))
     curl, difference = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
