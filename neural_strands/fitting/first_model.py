@@ -1,5 +1,6 @@
 """The model that a fit starts from: roots on the scalp and an initial strand at each of them."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,8 +26,17 @@ def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
     return prior.without_modulator() if prior.generator.config.modulator == "coupling" else prior
 
 
-def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairModel:
-    """Build the model with its roots and, if configured, initial strands traced through the flow of the segments."""
+def first_model(
+    data: FitData, prior: StrandPrior, config: FitConfig, say: Callable[[str], None] = lambda _: None
+) -> HairModel:
+    """Build the model with its roots and, if configured, initial strands traced through the flow of the segments.
+
+    Args:
+        data: inputs of the fit.
+        prior: encodes the initial strands.
+        config: settings of the fit.
+        say: tells the user what was found out about the hair.
+    """
     device = data.segments.points.device
     random = torch.Generator().manual_seed(config.seed)
     roots = hair_roots(data.head, config.strands, data.views, config.initial.hull, random)
@@ -36,12 +46,14 @@ def first_model(data: FitData, prior: StrandPrior, config: FitConfig) -> HairMod
     if config.initialise == "flow":
         roots = roots.to(device)
         initial = replace(config.initial, trace=replace(config.initial.trace, points=config.model.points))
-        strands = trace_first_strands(data.head, data.segments, data.views, roots, initial, data.distance)
+        strands = trace_first_strands(data.head, data.segments, data.views, roots, initial, data.distance, say)
         latents = prior.encode(to_local(strands.points, roots.position, roots.frame))
         model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
     return model
 
 
-def begin(data: FitData, prior: StrandPrior, config: FitConfig) -> FitState:
-    """Start a fit at step 0."""
-    return start_fit(first_model(data, prior, config), config)
+def begin(
+    data: FitData, prior: StrandPrior, config: FitConfig, say: Callable[[str], None] = lambda _: None
+) -> FitState:
+    """Start a fit at step 0; see `first_model`."""
+    return start_fit(first_model(data, prior, config, say), config)

@@ -1,12 +1,12 @@
 """The initial strands: traced through the flow of the hair; and the shape texture that holds their latents."""
 
-import logging
+from collections.abc import Callable
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from neural_strands.fitting.curls.search import curl_strands, find_curls
+from neural_strands.fitting.curls.curl_search import curl_strands, find_curls
 from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_masks, hair_room
 from neural_strands.flow.hull import HullConfig, hairy_points
 from neural_strands.flow.tracing import TracedStrands, trace_hair
@@ -19,8 +19,6 @@ from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import Roots, sample_roots
-
-log = logging.getLogger(__name__)
 
 ABOVE_ROOT = 0.003
 """Height above a root at which the views are tested for hair, metres."""
@@ -72,6 +70,7 @@ def trace_first_strands(
     roots: Roots,
     config: InitialConfig,
     distance: SignedDistanceGrid,
+    say: Callable[[str], None] = lambda _: None,
 ) -> TracedStrands:
     """Trace a strand from every root through the flow of the hair; where the photographs show curls, curl it.
 
@@ -82,6 +81,7 @@ def trace_first_strands(
         roots: where strands start.
         config: settings of the initial strands.
         distance: signed distance to the head.
+        say: tells the user what kind of curls were found.
     """
     room = hair_room(segments, views, head.mesh, roots.position, config, distance)
     flow = hair_flow(room, segments, roots.position, roots.normal, config)
@@ -89,12 +89,8 @@ def trace_first_strands(
     found = find_curls(room, segments, views, plain.points, roots.normal, config)
     if found is None:
         return plain
-    log.info(
-        "the hair is curly: curls of %.1f mm radius and %.0f mm a turn, %s-handed",
-        1e3 * found.curl.radius,
-        1e3 * found.curl.pitch,
-        "right" if found.curl.turn > 0 else "left",
-    )
+    curl, hand = found.curl, "right" if found.curl.turn > 0 else "left"
+    say(f"curly hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {hand}-handed")
     return curl_strands(found, roots.position, roots.normal, distance, config)
 
 

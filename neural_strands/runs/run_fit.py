@@ -235,7 +235,7 @@ def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
     tracing = config.initialise == "flow" and not resuming
     feedback.say(f"{len(data.segments)} segment points{'; tracing first strands' if tracing else ''}")
     # The checkpoint has everything except the roots, which are drawn again from the seed.
-    state = begin(data, run.prior, replace(config, initialise="mean") if resuming else config)
+    state = begin(data, run.prior, replace(config, initialise="mean") if resuming else config, feedback.say)
     if resuming:
         load_checkpoint(state, folder.checkpoint)
         feedback.say(f"resuming at step {state.step} of {config.steps}")

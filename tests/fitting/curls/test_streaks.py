@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from neural_strands.fitting.curls.texture import BINS, LAGS, Course, Texture, course_of, drawn_hair, texture_of
+from neural_strands.fitting.curls.streaks import BINS, LAGS, Course, Texture, course_of, drawn_hair, texture_of
 from neural_strands.flow.curls import Curl, curled
 from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig

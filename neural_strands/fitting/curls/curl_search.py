@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.fitting.curls.texture import Course, Texture, course_of, drawn_hair, texture_of
+from neural_strands.fitting.curls.streaks import Course, Texture, course_of, drawn_hair, texture_of
 from neural_strands.flow.curls import (
     Curl,
     CurlConfig,

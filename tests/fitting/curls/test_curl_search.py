@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tiny_capture import RADIUS, ball
+from tiny_capture import RADIUS, ball, write_capture
 
-from neural_strands.fitting.curls.search import curl_strands, find_curls, lean_off_gravity
-from neural_strands.fitting.curls.texture import drawn_hair
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
+from neural_strands.fitting.curls.curl_search import curl_strands, find_curls, lean_off_gravity
+from neural_strands.fitting.curls.streaks import drawn_hair
+from neural_strands.fitting.first_strands import trace_first_strands
 from neural_strands.flow.curls import Curl, curled, lock_phases
 from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hair_room
@@ -18,10 +21,11 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
-from neural_strands.geometry.strands import directions, lengths
+from neural_strands.geometry.strands import directions, lengths, segments
 from neural_strands.geometry.views import Views
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles
+from neural_strands.scalp.roots import sample_roots
 
 CONFIG = InitialConfig(flow=FlowConfig(spacing=0.003))
 TRUE = Curl(0.005, 0.03, -1)
@@ -110,6 +114,24 @@ def test_curls_are_found_and_wound(curly):
     assert torch.allclose(strands[:, 0], curly.roots, atol=1e-5)
     assert (SignedDistanceIndex(head())(strands.reshape(-1, 3)).distance > -0.002).float().mean() > 0.99
     assert float(lengths(strands).median()) > 0.12
+
+
+@pytest.mark.slow(seconds=40)
+def test_first_strands_of_curly_hair_curl_and_say_so(curly, tmp_path):
+    write_capture(tmp_path / "ball")
+    scalp = find_head(Capture.load(tmp_path / "ball"), None)
+    heard: list[str] = []
+    roots = sample_roots(scalp, 1500, torch.Generator().manual_seed(0))
+    top = roots.position[:, 1] > 0.04
+    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
+    found = trace_first_strands(scalp, curly.segments, curly.views, roots.select(top), CONFIG, distance, heard.append)
+    (said,) = heard
+    assert said.startswith("curly hair: radius ")
+    assert said.endswith("left-handed")
+    turning = torch.linalg.cross(segments(found.points)[:, :-1], segments(found.points)[:, 1:])
+    # Curls turn on by more than half a circle every pitch; straight hair hardly turns at all.
+    turned = (turning.norm(dim=-1) / segments(found.points)[:, 1:].square().sum(dim=-1)).sum(dim=1)
+    assert turned.median() > math.pi * lengths(found.points).median() / TRUE.pitch / 2
 
 
 def test_straight_hair_has_no_curls():
