@@ -16,8 +16,8 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.model.thickness import strand_widths
 from neural_strands.raster.texture import sample_texture
 
-BODY_SPACING = 0.005
-"""Spacing of the grid of distances to head and body, metres."""
+BODY_SPACING = 0.0025
+"""Spacing of the grid of distances to head and body, metres: fine enough for ears."""
 
 
 class Body:
@@ -30,7 +30,10 @@ class Body:
     @cached_property
     def grid(self) -> SignedDistanceGrid | None:
         """Signed distance; None if there is no surface."""
-        return SignedDistanceGrid.build(self._mesh, BODY_SPACING) if len(self._mesh.faces) else None
+        if not len(self._mesh.faces):
+            return None
+        # Strands only need exact distances where they touch the surface.
+        return SignedDistanceGrid.build(self._mesh, BODY_SPACING, exact_within=BODY_SPACING)
 
 
 @dataclass(frozen=True)
