@@ -75,19 +75,26 @@ def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height widt
 
 
 def _geometry_table(result: Evaluation) -> Table:
-    names = [score.threshold.name.replace("deg", "°").replace("mm/", " mm ") for score in result.ours[:3]]
+    names = [_spaced(score.threshold.name) for score in result.ours[:3]]
     heads = ("", *(f"{what} {name}" if what == "P" else what for name in names for what in ("P", "R", "F")))
     rows = [("line segments (LMVS)", *_cells(result.lmvs)), ("fitted strands", *_cells(result.ours))]
     rows += [(name, *(f"{value:.2f}" for row in figures for value in row)) for name, figures in PAPER_ROWS.items()]
-    consistency = ", ".join(f"{score.strand_consistency or 0:.1f} % at {score.threshold.name}" for score in result.ours)
+    consistency = ", ".join(
+        f"{score.strand_consistency or 0:.1f} % at {_spaced(score.threshold.name)}" for score in result.ours
+    )
     inside = "" if result.head_fit is None else f" Points inside the head: {result.head_fit.inside:.2f} %."
     note = (
         "P: percentage of the points found that are right, within the distance and angle above; R: percentage of the "
         "true points that were found; F: their harmonic mean. Points are at most 0.5 mm apart, and lines count in both "
         "directions. The paper's rows are of its own grooms. "
-        f"Strand consistency: {consistency}.{inside}"
+        f"Strand consistency, the share of a true strand that a single fitted one matches: {consistency}.{inside}"
     )
     return Table("Geometry compared with the true strands", heads, tuple(rows), note)
+
+
+def _spaced(threshold: str) -> str:
+    """A threshold's name for people: "2 mm 20°" for "2mm/20deg"."""
+    return threshold.replace("deg", "°").replace("mm/", " mm ")
 
 
 def _cells(scores: tuple[GeometryScore, ...]) -> tuple[str, ...]:
