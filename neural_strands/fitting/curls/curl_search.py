@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 from torch.nn import functional
 
@@ -35,6 +35,7 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.views import Views
+from neural_strands.lmvs.growth import GrowthConfig, orient_segments
 from neural_strands.lmvs.orientation import OrientationConfig, luma
 
 MOST_STRANDS = 5000
@@ -118,6 +119,7 @@ def find_curls(
     views: Views,
     plain: Float[Tensor, "root point 3"],
     scalp_normals: Float[Tensor, "root 3"],
+    scalp_faces: Int64[Tensor, " scalp"],
     config: InitialConfig,
 ) -> FoundCurls | None:
     """Look for curls that all turn alike; None if the hair is not curly, or if no view has a hair mask.
@@ -128,6 +130,7 @@ def find_curls(
         views: the photographs.
         plain: strands traced along the segments as they are.
         scalp_normals: outward unit normals at their roots.
+        scalp_faces: the faces of the head that hair grows from.
         config: settings of the initial strands.
     """
     kept = segments.select(segments.confidence >= config.flow.least_confidence)
@@ -138,7 +141,8 @@ def find_curls(
     lean = lean_off(course, kept)
     if not _is_strong(lean, config.curls):
         return None
-    straight = turned_back(kept, course, lean.angle)
+    # Neighbours sign turned segments better than the hanging course does, for instance at a parting.
+    straight = orient_segments(turned_back(kept, course, lean.angle), room.head, scalp_faces, [], GrowthConfig())
     along = replace(config, conservation=replace(config.conservation, way_out=config.curls.way_out))
     axes = hair_flow(room.inset(FIRST_INSET), straight, *scalp, along)
     every = max(1, math.ceil(len(plain) / MOST_STRANDS))

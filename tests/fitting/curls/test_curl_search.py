@@ -29,6 +29,7 @@ from neural_strands.scalp.roots import sample_roots
 
 CONFIG = InitialConfig(flow=FlowConfig(spacing=0.003))
 TRUE = Curl(0.005, 0.03, -1)
+SCALP = torch.from_numpy(ball().triangles_center[:, 1] > 0.02).nonzero()[:, 0]
 SIDE, FOCAL, VIEWS = 256, 420.0, 8
 
 
@@ -103,7 +104,7 @@ def curly() -> Photographed:
 @pytest.mark.slow(seconds=40)
 def test_curls_are_found_and_wound(curly):
     room = curly.room()
-    found = find_curls(room, curly.segments, curly.views, curly.plain(room), curly.normals, CONFIG)
+    found = find_curls(room, curly.segments, curly.views, curly.plain(room), curly.normals, SCALP, CONFIG)
     assert found is not None
     assert found.curl.turn == TRUE.turn
     assert found.curl.pitch == pytest.approx(TRUE.pitch, rel=0.25)
@@ -140,7 +141,10 @@ def test_straight_hair_has_no_curls():
     lean = lean_off_gravity(room, straight.segments)
     assert abs(math.degrees(lean.angle)) < 5
     assert lean.agreement > 0.9
-    assert find_curls(room, straight.segments, straight.views, straight.plain(room), straight.normals, CONFIG) is None
+    assert (
+        find_curls(room, straight.segments, straight.views, straight.plain(room), straight.normals, SCALP, CONFIG)
+        is None
+    )
 
 
 @pytest.mark.slow(seconds=50)
@@ -154,7 +158,7 @@ def test_straight_hair_combed_to_one_side_has_no_curls(curly):
     room = combed.room()
     lean = lean_off_gravity(room, combed.segments)
     assert abs(math.degrees(lean.angle)) > CONFIG.curls.least_lean
-    assert find_curls(room, combed.segments, combed.views, combed.plain(room), combed.normals, CONFIG) is None
+    assert find_curls(room, combed.segments, combed.views, combed.plain(room), combed.normals, SCALP, CONFIG) is None
 
 
 def test_nothing_is_searched_without_masks_or_if_switched_off(curly):
@@ -162,5 +166,5 @@ def test_nothing_is_searched_without_masks_or_if_switched_off(curly):
     room = curly.room()
     off = replace(CONFIG, curls=replace(CONFIG.curls, find=False))
     scalp = curly.roots[:, None], curly.normals
-    assert find_curls(room, curly.segments, curly.views, *scalp, off) is None
-    assert find_curls(replace(room, masked=False), curly.segments, curly.views, *scalp, CONFIG) is None
+    assert find_curls(room, curly.segments, curly.views, *scalp, SCALP, off) is None
+    assert find_curls(replace(room, masked=False), curly.segments, curly.views, *scalp, SCALP, CONFIG) is None
