@@ -2,8 +2,8 @@
 
 Segments that all lean to one side of the hair's hanging course are the first sign of curls. Turned back, they show the
 course of the curls' axes. Strands along it are then wound with many radii and pitches, drawn, and compared with the
-photographs by their texture. The hair is curly if one of them looks more like the photographs than strands that follow
-the segments as they are.
+photographs by their texture. The hair is curly unless strands that follow the segments as they are look clearly more
+like the photographs.
 """
 
 import math
@@ -52,8 +52,11 @@ FIRST_INSET = 0.004
 """Depth of the axes below the surface of the hair while the radius is unknown, metres."""
 LEVEL = 0.8
 """Places where the surface of the hair is more level than this (vertical part of its normal) do not show gravity."""
-LEAST_GAIN = 0.1
-"""By how much the texture of curls must come closer to the photographs than that of strands along the segments."""
+ALIKE = 0.15
+"""Textures that differ by less than this are alike."""
+MOST_WORSE = 0.1
+"""By how much the texture of curls may differ more from the photographs than that of strands along the segments, if
+neither is alike: noise hides curls, and hair that leans to one side all around the head is nearly always curly."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +153,8 @@ def find_curls(
     turn = -round(math.copysign(1, lean.angle))
     comparison = Comparison.along(traced, photographs(views))
     curl, difference = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
-    if difference > comparison.of(plain[::every]).difference(comparison.seen) - LEAST_GAIN:
+    plainly = comparison.of(plain[::every]).difference(comparison.seen)
+    if difference > plainly + (MOST_WORSE if plainly > ALIKE else 0.0):
         return None
     if abs(curl.radius - FIRST_INSET) > room.grid.spacing:
         axes = hair_flow(room.inset(curl.radius), straight, *scalp, along)
