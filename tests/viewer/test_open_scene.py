@@ -38,7 +38,7 @@ def test_a_run_whose_photographs_are_gone_shows_its_hair_and_says_so(tiny_run, t
     scene = open_run(run, newest_state(RunFolder(run)), CPU)
     assert scene.photographs is None
     assert scene.renderer is not None
-    assert "photographs are not at" in scene.note
+    assert "photographs are no longer in" in scene.note
 
 
 def test_a_run_without_a_state_shows_its_capture(tiny_run):
