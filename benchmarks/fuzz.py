@@ -1,11 +1,12 @@
-"""Damaged files for every reader: `python benchmarks/fuzz.py OUT --inputs 100000`.
+"""Damaged files for every reader: `python benchmarks/fuzz.py OUT --inputs 100000 --seconds 40`.
 
 Each reader gets files made by the project's own writers and damaged by mutators (`tests/support/mutations.py`). It
 passes if it returns a result or raises an InputError of one sentence, within ten seconds of processor time, and if a
-refused file costs no more memory than ten times its size plus a fixed slack. Every reader runs in its own process. OUT
-contains one JSON document per reader, written every few seconds; the same command resumes a stopped run. Inputs that
-break a reader are stored in OUT/faults, and `--replay FILE` reads one again. Input number n of a seed is always the
-same.
+refused file costs no more memory than ten times its size plus a fixed slack. Every reader runs in its own process, and
+ends after the given number of inputs or of processor seconds, whichever comes first: readers differ a hundredfold in
+speed. OUT contains one JSON document per reader, written every few seconds; the same command resumes a stopped run.
+Inputs that break a reader are stored in OUT/faults, and `--replay FILE` reads one again. Input number n of a seed is
+always the same.
 """
 
 import argparse
@@ -39,7 +40,7 @@ SAVE_SECONDS, FAULTS_KEPT = 5.0, 20
 
 @dataclass
 class Tally:
-    """Results of a reader's inputs so far."""
+    """Results of a reader's inputs so far. `seconds` are of a processor, and include making the damage."""
 
     reader: str
     seed: int
@@ -76,8 +77,8 @@ def damaged(reader: FuzzedReader, content: bytes, seed: int, number: int) -> byt
     return mutated(Random(f"{reader.name} {seed} {number}"), content)
 
 
-def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) -> None:
-    """Read inputs until `inputs` of them have been read, continuing from the tally."""
+def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int, seconds: float) -> None:
+    """Read inputs up to a number of them and of processor seconds, continuing from the tally."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     mapped = 4096 * int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (mapped + MOST_MEMORY, mapped + MOST_MEMORY))
@@ -86,7 +87,8 @@ def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) 
     content = path.read_bytes()
     reader.read(path)
     current = out / f"{tally_path(out, reader.name).stem}.current"
-    while tally.inputs < inputs:
+    before, began = tally.seconds, processor_seconds()
+    while tally.inputs < inputs and tally.seconds < seconds:
         damage = damaged(reader, content, seed, tally.inputs)
         path.write_bytes(damage)
         # If the whole process crashes, this file remains.
@@ -96,7 +98,7 @@ def work(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) 
         tally.slowest_s = max(tally.slowest_s, outcome.seconds)
         tally.peak_bytes = max(tally.peak_bytes, outcome.peak)
         tally.peak_over_size = max(tally.peak_over_size, outcome.peak / max(1, len(damage)))
-        tally.seconds += outcome.seconds
+        tally.seconds = before + processor_seconds() - began
         if outcome.is_fault:
             add_fault(tally, out, outcome.kind, outcome.detail.replace(str(corpus), ""), damage, path.suffix)
         tally.inputs += 1
@@ -118,15 +120,21 @@ def add_fault(tally: Tally, out: Path, kind: str, detail: str, damage: bytes, su
         tally.faults.append({"kind": kind, "detail": detail, "input": tally.inputs, "file": kept.name})
 
 
-def drive(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int) -> Tally:
+def processor_seconds() -> float:
+    """Processor seconds of this process and of those that it has started and that have ended."""
+    return sum(os.times()[:4])
+
+
+def drive(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int, seconds: float) -> Tally:
     """Run a reader in separate processes; one that dies or hangs without reacting to signals is a fault."""
     current = out / f"{tally_path(out, reader.name).stem}.current"
-    while (tally := load_tally(out, reader.name, seed)).inputs < inputs:
+    while (tally := load_tally(out, reader.name, seed)).inputs < inputs and tally.seconds < seconds:
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / "corpus"
             shutil.copytree(corpus, copy)
             command = [sys.executable, __file__, str(out), "--worker", reader.name, "--corpus", str(copy)]
-            process = subprocess.Popen([*command, "--seed", str(seed), "--inputs", str(inputs)])
+            bounds = ["--inputs", str(inputs), "--seconds", str(seconds)]
+            process = subprocess.Popen([*command, "--seed", str(seed), *bounds])
             while process.poll() is None:
                 time.sleep(0.5)
                 try:
@@ -156,6 +164,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--inputs", type=int, default=100_000, help="for each reader")
     parser.add_argument("--slow-inputs", type=int, help="for each slow reader, if other")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="of a processor, for each reader")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="readers whose name holds this")
     parser.add_argument("--replay", type=Path, help="one file, read by the reader of --only")
@@ -166,7 +175,7 @@ def main() -> None:
     os.environ["NEURAL_STRANDS_WEIGHTS"] = str(options.out / "none")
     if options.worker:
         reader = next(reader for reader in READERS if reader.name == options.worker)
-        work(reader, options.corpus, options.out, options.seed, options.inputs)
+        work(reader, options.corpus, options.out, options.seed, options.inputs, options.seconds)
         return
     corpus = options.out / "corpus"
     if not corpus.is_dir():
@@ -184,7 +193,7 @@ def main() -> None:
                 reader.read(copy / reader.file)
             continue
         inputs = options.inputs if options.slow_inputs is None or not reader.is_slow else options.slow_inputs
-        tally = drive(reader, corpus, options.out, options.seed, inputs)
+        tally = drive(reader, corpus, options.out, options.seed, inputs, options.seconds)
         print(json.dumps(vars(tally)), flush=True)
 
 

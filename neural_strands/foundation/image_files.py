@@ -11,12 +11,18 @@ from neural_strands.foundation.input_files import check_file
 MOST_PIXELS = 160_000_000
 """Largest number of pixels of an image that is read; more than any camera's sensor has."""
 
+DENSEST = 1032
+"""Bytes that one byte of a PNG's zlib stream can unpack to at most (https://zlib.net/zlib_tech.html)."""
+PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Channels by the colour type in the header of a PNG."""
+
 
 def image_size(path: Path) -> tuple[int, int]:
     """Width and height of an image in pixels, as stored; orientation tags are ignored.
 
     Raises:
-        InputError: the file cannot be read, is not an image, or claims more than `MOST_PIXELS`.
+        InputError: the file cannot be read, is not an image, or claims more than `MOST_PIXELS` or than its bytes can
+            hold.
     """
     check_file(path, "an image")
     try:
@@ -25,6 +31,7 @@ def image_size(path: Path) -> tuple[int, int]:
             warnings.simplefilter("ignore")
             with Image.open(path) as image:
                 width, height = image.size
+                is_png = image.format == "PNG"
     except Image.DecompressionBombError as error:
         raise InputError(
             f"{path}: expected an image of at most {MOST_PIXELS} pixels, found even more; resize it."
@@ -38,4 +45,16 @@ def image_size(path: Path) -> tuple[int, int]:
         raise InputError(
             f"{path}: expected an image of at most {MOST_PIXELS} pixels, found {width} x {height}; resize it."
         )
+    if is_png and _png_bytes(path, width * height) > DENSEST * path.stat().st_size:
+        raise InputError(
+            f"{path}: expected a complete image of {width} x {height} pixels, found only {path.stat().st_size} bytes; "
+            "export it again."
+        )
     return width, height
+
+
+def _png_bytes(path: Path, pixels: int) -> int:
+    """Unpacked size of that many pixels of a PNG, from the depth and colour type in its header."""
+    with path.open("rb") as file:
+        header = file.read(26)
+    return pixels * header[24] * PNG_CHANNELS.get(header[25], 1) // 8

@@ -21,14 +21,25 @@ def encoded(kind: str, size: tuple[int, int] = (7, 5)) -> bytes:
     return buffer.getvalue()
 
 
-def png(width: int, height: int) -> bytes:
-    """A PNG whose header claims this size, with a single byte of pixels."""
+def png(width: int, height: int, padding: int = 0) -> bytes:
+    """A PNG whose header claims this size, with a single byte of pixels and some bytes behind it."""
 
     def chunk(name: bytes, content: bytes) -> bytes:
         return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
 
     header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0") + bytes(padding))
+        + chunk(b"IEND", b"")
+    )
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "P", "LA", "RGB", "RGBA", "I;16"])
+def test_the_emptiest_png_of_each_mode_is_accepted(tmp_path, mode):
+    Image.new(mode, (2000, 1500)).save(tmp_path / "a.png", optimize=True)
+    assert image_size(tmp_path / "a.png") == (2000, 1500)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP"])
@@ -38,7 +49,8 @@ def test_sizes_of_formats(tmp_path, kind):
 
 
 def test_a_large_image_costs_nothing(tmp_path):
-    assert read_or_refuse(tmp_path / "a.png", png(14_000, 11_000), image_size, most=1_000_000) == ""
+    whole = png(14_000, 11_000, padding=14_000 * 11_000 * 3 // 1032)
+    assert read_or_refuse(tmp_path / "a.png", whole, image_size, most=1_000_000) == ""
     assert image_size(tmp_path / "a.png") == (14_000, 11_000)
 
 
@@ -49,6 +61,7 @@ def test_a_large_image_costs_nothing(tmp_path):
         (png(14_000, 12_000), "at most 160000000 pixels, found 14000 x 12000; resize it"),
         (png(2**31 - 1, 2**31 - 1), "expected an image"),
         (png(0, 5), "expected an image"),
+        (png(14_000, 11_000), "expected a complete image of 14000 x 11000 pixels, found only 66 bytes"),
         (b"", "such as PNG or JPEG"),
         (b"no image", "such as PNG or JPEG"),
         (png(7, 5)[:20], "such as PNG or JPEG"),

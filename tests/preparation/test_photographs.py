@@ -1,10 +1,13 @@
 """Photographs from a folder: upright, sRGB, small enough, with unique names, without the damaged ones."""
 
+import struct
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzzed_input import give
 from PIL import Image
 
 from neural_strands.foundation.errors import InputError
@@ -105,6 +108,17 @@ def test_pictures_round_trip(tmp_path: Path):
     np.testing.assert_array_equal(read_picture(tmp_path / "a.png"), picture())
     with pytest.raises(InputError, match="expected a picture of an earlier stage"):
         read_picture(tmp_path / "b.png")
+
+
+def test_pictures_that_claim_to_be_huge_cost_no_memory(tmp_path: Path):
+    path = tmp_path / "a.png"
+    write_picture(path, picture())
+    content = bytearray(path.read_bytes())
+    content[16:24] = struct.pack(">II", 12000, 12000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    path.write_bytes(content)
+    outcome = give(read_picture, path)
+    assert outcome.kind == "refused", outcome
 
 
 def test_heic_without_its_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

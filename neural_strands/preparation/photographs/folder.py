@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
-from neural_strands.capture.images import reduced
+from neural_strands.capture.images import colour_of, read_pixels, reduced
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.json_files import read_json
@@ -147,11 +147,13 @@ def read_picture(path: Path) -> np.ndarray:
     Raises:
         InputError: the file is missing or damaged.
     """
-    encoded = np.fromfile(path, np.uint8) if path.is_file() else np.zeros(0, np.uint8)
-    pixels = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
-    if pixels is None:
-        raise InputError(f"{path}: expected a picture of an earlier stage, found none; remove that stage's folder.")
-    return np.ascontiguousarray(pixels[:, :, ::-1])
+    try:
+        pixels = read_pixels(path)
+    except InputError as error:
+        raise InputError(
+            f"{path}: expected a picture of an earlier stage, found none that can be read; remove that stage's folder."
+        ) from error
+    return colour_of(pixels)
 
 
 def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, str]:
