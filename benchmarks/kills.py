@@ -1,8 +1,8 @@
 """Kills work at random times and restarts it: `python benchmarks/kills.py OUT --kills 100`.
 
-A small fit or preparation is first run without interruption. Then it is repeated in processes that SIGKILL ends at
-random times, up to five times before one may finish. Each result must be identical, byte for byte, to the uninterrupted
-one, and no unfinished files may remain. Prints one JSON document.
+A small fit, preparation or batch (extra `batch`) is first run without interruption. Then it is repeated in processes
+that SIGKILL ends at random times, up to five times before one may finish. Each result must be identical, byte for byte,
+to the uninterrupted one, and no unfinished files may remain. Prints one JSON document.
 """
 
 import argparse
@@ -20,6 +20,7 @@ from random import Random
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
+from batch_files import write_ball, write_subjects
 from photographed_head import write_scene
 from tiny_capture import tiny_config, true_segments, write_capture
 
@@ -73,7 +74,19 @@ def prepare_job(folder: Path) -> Job:
     return Job(work, ("**/*.json", "**/*.png", "**/*.obj", "**/*.npz"))
 
 
-JOBS = {"fit": fit_job, "prepare": prepare_job}
+def batch_job(folder: Path) -> Job:
+    """A batch of two subjects on this machine; its workers outlive it for a moment when it is killed."""
+    ball = write_ball(folder)
+    subjects = write_subjects(folder / "subjects.toml", {"bob": ball, "twin": ball}, steps=30)
+
+    def work(out: Path) -> None:
+        if command(["batch", str(subjects), str(out), "--resume"]) != 0:
+            raise RuntimeError("the batch did not end well")
+
+    return Job(work, ("*/run/segments.npz", "*/run/model/model.safetensors", "*/run/groom.npz", "*/run/groom.usd"))
+
+
+JOBS = {"fit": fit_job, "prepare": prepare_job, "batch": batch_job}
 
 
 def survive(work: Callable[[], None], moments: Sequence[float]) -> int:
