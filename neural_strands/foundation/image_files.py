@@ -1,5 +1,6 @@
 """Reads the size of an image from its header before decoding: a small file can unpack to gigabytes."""
 
+import struct
 import warnings
 from pathlib import Path
 
@@ -15,6 +16,8 @@ DENSEST = 1032
 """Bytes that one byte of a PNG's zlib stream can unpack to at most (https://zlib.net/zlib_tech.html)."""
 PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Channels by the colour type in the header of a PNG."""
+PNG_SIGNATURE, CHUNK, CHECKSUM = b"\x89PNG\r\n\x1a\n", struct.Struct(">I4s"), 4
+"""A PNG begins with the signature; each chunk has its length, its kind, its content and a checksum of four bytes."""
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -45,7 +48,7 @@ def image_size(path: Path) -> tuple[int, int]:
         raise InputError(
             f"{path}: expected an image of at most {MOST_PIXELS} pixels, found {width} x {height}; resize it."
         )
-    if is_png and _png_bytes(path, width * height) > DENSEST * path.stat().st_size:
+    if is_png and not _holds_its_claims(path, width * height):
         raise InputError(
             f"{path}: expected a complete image of {width} x {height} pixels, found only {path.stat().st_size} bytes; "
             "export it again."
@@ -53,8 +56,16 @@ def image_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def _png_bytes(path: Path, pixels: int) -> int:
-    """Unpacked size of that many pixels of a PNG, from the depth and colour type in its header."""
+def _holds_its_claims(path: Path, pixels: int) -> bool:
+    """Whether a PNG is large enough for its pixels and chunks; OpenCV reserves whatever the file claims for both."""
+    size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(26)
-    return pixels * header[24] * PNG_CHANNELS.get(header[25], 1) // 8
+        if pixels * header[24] * PNG_CHANNELS.get(header[25], 1) // 8 > DENSEST * size:
+            return False
+        at, kind = len(PNG_SIGNATURE), b""
+        while kind != b"IEND" and at < size:
+            file.seek(at)
+            length, kind = CHUNK.unpack(file.read(CHUNK.size).ljust(CHUNK.size, b"\0"))
+            at += CHUNK.size + length + CHECKSUM
+    return at <= size

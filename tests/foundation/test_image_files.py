@@ -36,6 +36,16 @@ def png(width: int, height: int, padding: int = 0) -> bytes:
     )
 
 
+def test_a_chunk_that_claims_more_than_the_file_has_is_refused(tmp_path):
+    whole = encoded("PNG")
+    place = whole.index(b"IDAT") - 4
+    for length in (0x8415002B, len(whole) - place - 11):
+        claim = whole[:place] + struct.pack(">I", length) + whole[place + 4 :]
+        assert "expected a complete image of 7 x 5" in read_or_refuse(tmp_path / "a.png", claim, image_size)
+    # What follows the last chunk belongs to no image.
+    assert read_or_refuse(tmp_path / "a.png", whole + bytes(5), image_size) == ""
+
+
 @pytest.mark.parametrize("mode", ["1", "L", "P", "LA", "RGB", "RGBA", "I;16"])
 def test_the_emptiest_png_of_each_mode_is_accepted(tmp_path, mode):
     Image.new(mode, (2000, 1500)).save(tmp_path / "a.png", optimize=True)
