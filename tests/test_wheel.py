@@ -1,8 +1,9 @@
-"""The wheel as a user gets it: small, with everything it needs at run time, and at work away from the sources."""
+"""Wheel and sdist as a user gets them: small, with what is needed at run time, and at work away from the sources."""
 
 import os
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -21,21 +22,39 @@ def tracked() -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory) -> Path:
-    """Built from a copy of what git tracks, so that nothing that lies about gets in."""
-    folder = tmp_path_factory.mktemp("wheel")
+def sources(tmp_path_factory) -> Path:
+    """A copy of what git tracks, so that nothing that lies about gets in."""
+    folder = tmp_path_factory.mktemp("sources")
     for name in tracked():
-        if name.parts[0] == "neural_strands" or len(name.parts) == 1:
-            target = folder / "sources" / name
+        if name.parts[0] in ("neural_strands", "tests") or len(name.parts) == 1:
+            target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes((ROOT / name).read_bytes())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(sources) -> Path:
+    """Built as a release is."""
+    return built(sources)
+
+
+def built(sources: Path) -> Path:
+    """The wheel of a folder of sources, or of an sdist."""
+    folder = sources.parent / f"{sources.name}.wheel"
     build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
     done = subprocess.run(
-        [*build, "--wheel-dir", str(folder), str(folder / "sources")], capture_output=True, text=True, check=False
+        [*build, "--wheel-dir", str(folder), str(sources)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    (built,) = folder.glob("*.whl")
-    return built
+    (found,) = folder.glob("*.whl")
+    return found
+
+
+def contents(wheel: Path) -> dict[str, bytes]:
+    """The files of a wheel, apart from the list of their hashes."""
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/RECORD")}
 
 
 def test_the_wheel_is_small_and_holds_only_the_package(wheel):
@@ -63,3 +82,19 @@ def test_the_wheel_works_away_from_the_sources(wheel, tmp_path):
         assert done.returncode == 0, done.stderr
         if words[0] == "-c":
             assert Path(done.stdout.strip()).is_relative_to(site)
+
+
+def test_the_sdist_holds_the_package_and_builds_the_same_wheel(sources, wheel):
+    program = "import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "dist"], cwd=sources, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    (sdist,) = (sources / "dist").glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = [Path(*Path(each.name).parts[1:]) for each in archive.getmembers() if each.isfile()]
+    package = {name for name in names if name.parts[0] == "neural_strands"}
+    assert package == {name for name in tracked() if name.parts[0] == "neural_strands"}
+    assert {name.name for name in names if len(name.parts) == 1} >= {"LICENSE", "README.md", "pyproject.toml"}
+    assert {name.parts[0] for name in names if len(name.parts) > 1} == {"neural_strands", "neural_strands.egg-info"}
+    assert contents(built(sdist)) == contents(wheel)
