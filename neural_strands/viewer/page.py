@@ -112,6 +112,7 @@ class Page:
         self._editing = threading.Lock()
         self._standing: dict[int, Standing] = {}
         self._lock = threading.Lock()
+        self._asking = threading.Lock()
         self._loop = RenderLoop(self._draw, finer)
         server.scene.set_up_direction("+y")
         server.on_client_connect(self._welcome)
@@ -240,7 +241,10 @@ class Page:
             self._ask(client)
 
     def _ask(self, client: "viser.ClientHandle") -> None:
-        self._loop.ask(client.client_id, self.request_of(client))
+        # viser reports movements in several threads: without the lock, one that has read an earlier camera could ask
+        # last, and its picture would stay.
+        with self._asking:
+            self._loop.ask(client.client_id, self.request_of(client))
 
     def _draw(self, browser: int, request: FrameRequest, size: int) -> None:
         """Draw one picture and send it, unless the browser has disconnected meanwhile."""
