@@ -69,6 +69,16 @@ def apply_edits(hair: Hair, edits: Sequence[Edit]) -> Hair:
     return dataclasses.replace(hair, strands=strands)
 
 
+def fitted_per_strand(fitted: Strands, edits: Sequence[Edit]) -> float:
+    """Number of fitted strands that each edited one stands for.
+
+    A fit chooses the number of strands, and its appearance and light belong to it. Other numbers show the same hair
+    more finely or more coarsely, so they must not change how much light the hair lets through.
+    """
+    counts = [edit.strands for edit in edits if isinstance(edit, Density)]
+    return len(fitted) / counts[-1] if counts else 1.0
+
+
 def hair_motion(hair: Hair, edits: Sequence[Edit]) -> HairMotion | None:
     """The motion of the edited hair; None if no edit is a wind."""
     wind = next((edit for edit in reversed(edits) if isinstance(edit, Wind)), None)

@@ -75,11 +75,16 @@ def between(
     if not isinstance(generator.modulator, CouplingModulator) or not inner.any():
         return torch.lerp(ours, theirs, share[:, None])
     first, second = generator.raw(ours), generator.raw(theirs)
-    start, end = (torch.atan2(raw.smooth[:, 1, 0], raw.smooth[:, 0, 0]) for raw in (first, second))
+    start, end = azimuth(first), azimuth(second)
     way = torch.remainder(end - start + math.pi, 2 * math.pi) - math.pi
     aligned = torch.lerp(first.flat(), turned(second, start - end).flat(), share[:, None])
     mixed, _ = generator.latent(turned(generator.split(aligned), share * way).flat())
     return torch.where(inner[:, None], mixed, torch.where(share[:, None] > 0, theirs, ours))
+
+
+def azimuth(raw: Raw) -> Float[Tensor, " strand"]:
+    """Angle of headings about the scalp's normal, radians."""
+    return torch.atan2(raw.smooth[:, 1, 0], raw.smooth[:, 0, 0])
 
 
 def turned(raw: Raw, angle: Float[Tensor, " strand"]) -> Raw:

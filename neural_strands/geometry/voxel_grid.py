@@ -62,6 +62,12 @@ class VoxelGrid:
         voxel = torch.minimum(voxel.clamp(min=0), size - 1)
         return (voxel[:, 0] * self.shape[1] + voxel[:, 1]) * self.shape[2] + voxel[:, 2], inside
 
+    def depth(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
+        """Distance of points inside the box from its border, metres; negative outside."""
+        low = points.new_tensor(self.origin) - 0.5 * self.spacing
+        high = low + self.spacing * points.new_tensor(self.shape)
+        return torch.minimum(points - low, high - points).amin(dim=1)
+
     def sample(
         self, values: Float[Tensor, "x y z channel"], points: Float[Tensor, "point 3"], outside: Outside
     ) -> Float[Tensor, "point channel"]:

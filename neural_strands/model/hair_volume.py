@@ -62,13 +62,16 @@ class HairVolume:
 
 
 @torch.no_grad()
-def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | None = None) -> HairVolume:
+def hair_volume(
+    points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | None = None, each: float = 1.0
+) -> HairVolume:
     """Density of strands; points that are not finite are ignored.
 
     Args:
         points: strands in world metres.
         lattice: a grid whose nodes the volume reuses, extended as far as needed, so that two states of the hair can be
             compared; hair that has grown too large for its spacing gets larger cells instead.
+        each: number of strands that each of them stands for.
     """
     stride = max(1, (points.shape[1] - 1) // SAMPLES)
     # Axes come first because sums over an innermost axis of three are slow.
@@ -94,7 +97,7 @@ def hair_volume(points: Float[Tensor, "strand point 3"], lattice: VoxelGrid | No
     finite = length.isfinite()
     flat, length = torch.where(finite, flat, 0), torch.where(finite, length, 0.0)
     # Metres of hair per cubic metre are strands per square metre.
-    density = points.new_zeros(grid.count).index_add_(0, flat, length).view(shape) / (1e6 * cell**3)
+    density = points.new_zeros(grid.count).index_add_(0, flat, length).view(shape) * (each / (1e6 * cell**3))
     levels, before = [], 0.0
     for width in WIDTHS:
         density = _blurred(density, (width**2 - before**2) ** 0.5 / cell)

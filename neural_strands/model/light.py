@@ -13,7 +13,7 @@ import itertools
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Float, Int64
 from scipy.spatial import KDTree
 from torch import Tensor
 
@@ -35,6 +35,9 @@ FAINTEST = 1e-3
 """Smallest divisor for the share of directions in which the head does not block the view."""
 KNOTS = 12
 """Number of places along a strand at which light is computed."""
+FADE = 0.03
+"""Distance from the border of the fitted hair's grid over which changes of the skin's light fade in, metres: near the
+border, light enters that a larger grid may find blocked."""
 ABOVE = 0.004
 """Height above the skin at which the light on it is computed, metres."""
 
@@ -186,7 +189,7 @@ class BakedLight:
         strands: light at knots evenly spaced along t.
         skin: light just above the vertices of the body, at `skin_places`.
         skin_places: those places, in world metres.
-        near: which of them lie inside the grid of the hair's density.
+        near: how far they lie inside the grid of the hair's density: 0 outside and at its border, 1 beyond `FADE`.
         known: how well photographs determine the skin's colour there, from 0 to 1.
         bare: linear colours of the skin in full light, extended to where they are not known.
         surface: points on head and body.
@@ -197,7 +200,7 @@ class BakedLight:
     strands: Float[Tensor, "strand knot"]
     skin: Float[Tensor, " vertex"]
     skin_places: Float[Tensor, "vertex 3"]
-    near: Bool[Tensor, " vertex"]
+    near: Float[Tensor, " vertex"]
     known: Float[Tensor, " vertex"]
     bare: Float[Tensor, "vertex 3"]
     surface: Float[Tensor, "place 3"]
@@ -223,9 +226,9 @@ class BakedLight:
         surface = surface_samples(body, volume.grid.spacing)
         field = LightField.through(volume, width, surface)
         places = body.vertices + ABOVE * vertex_normals(body) if len(body.faces) else body.vertices
-        near, light = volume.grid.index(places)[1], field.at(places)
+        near, light = (volume.grid.depth(places) / FADE).clamp(0.0, 1.0), field.at(places)
         sight, unhindered = (LightField.through(volume, width, surface, lost).direct(places) for lost in (1.0, 0.0))
-        known = torch.where(near, known_share(sight / unhindered.clamp(min=FAINTEST)), 1.0)
+        known = torch.where(near > 0, known_share(sight / unhindered.clamp(min=FAINTEST)), 1.0)
         bare = extend_over_mesh(skin / light[:, None], known, body)
         along = field.at(interpolate_evenly(strands.points, KNOTS))
         return cls(strands.chart_positions(), along, light, places, near, known, bare, surface, width)
@@ -247,8 +250,8 @@ class BakedLight:
         factor = field.at(interpolate_evenly(strands.points, KNOTS)) / before
         now = field.at(self.skin_places)
         # Beyond the grid of the fitted hair, its shadows are unknown.
-        skin = torch.where(self.near, now / self.skin, 1.0)
-        change = SkinChange(skin.clamp(max=BRIGHTEST), now[:, None] * self.bare, 1 - self.known)
+        skin = torch.lerp(torch.ones_like(now), (now / self.skin).clamp(max=BRIGHTEST), self.near)
+        change = SkinChange(skin, now[:, None] * self.bare, 1 - self.known)
         return LightChange(factor[..., None].clamp(max=BRIGHTEST), change)
 
     def _fitted_on(self, uv: Float[Tensor, "strand 2"]) -> Int64[Tensor, " strand"]:

@@ -25,6 +25,7 @@ class HairRenderer:
         volume: density of these strands.
         fitted: for edited hair, the renderer of the hair on which the appearance was fitted; else None.
         light: for edited hair, the change of its light; else None.
+        each: number of fitted strands that each strand stands for.
 
     Examples:
         >>> import neural_strands as ns
@@ -39,6 +40,7 @@ class HairRenderer:
     volume: HairVolume
     fitted: "HairRenderer | None" = None
     light: LightChange | None = None
+    each: float = 1.0
 
     @classmethod
     @torch.no_grad()
@@ -57,11 +59,12 @@ class HairRenderer:
         return cls(model, strands, hair_volume(strands.points))
 
     @torch.no_grad()
-    def showing(self, strands: Strands) -> "HairRenderer":
+    def showing(self, strands: Strands, each: float | None = None) -> "HairRenderer":
         """Return a renderer of edited strands, relit for the light that reaches them now.
 
         Args:
             strands: world metres, with `root_uv`.
+            each: number of fitted strands that each of them stands for; None: as many as the present ones.
 
         Raises:
             ValueError: the strands have no `root_uv`.
@@ -69,9 +72,10 @@ class HairRenderer:
         fitted = self.fitted or self
         if strands.points is fitted.strands.points:
             return fitted
-        volume = hair_volume(strands.points, fitted.volume.grid)
+        each = self.each if each is None else each
+        volume = hair_volume(strands.points, fitted.volume.grid, each)
         light = fitted._baked.changed(strands, volume)
-        return HairRenderer(self.model, strands, volume, fitted, light)
+        return HairRenderer(self.model, strands, volume, fitted, light, each)
 
     @torch.no_grad()
     def prepare_edits(self) -> None:

@@ -18,6 +18,7 @@ from neural_strands.editing.edit_list import (
     apply_edits,
     edits_as_json,
     edits_from_json,
+    fitted_per_strand,
     hair_motion,
 )
 from neural_strands.editing.hair import Hair
@@ -72,7 +73,10 @@ class EditedHair:
         Raises:
             InputError: the hair is only a groom.
         """
-        return HairRenderer.of(self.fitted.modelled(purpose), self.fitted.strands).showing(self.hair.strands)
+        fitted = self.fitted.strands
+        return HairRenderer.of(self.fitted.modelled(purpose), fitted).showing(
+            self.hair.strands, fitted_per_strand(fitted, self.edits)
+        )
 
     def motion(self) -> HairMotion | None:
         """The motion of the hair; None without wind."""

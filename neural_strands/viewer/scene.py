@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from neural_strands.editing.edit_list import apply_edits
+from neural_strands.editing.edit_list import apply_edits, fitted_per_strand
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import Edit, Haircut, Wind
 from neural_strands.geometry.line_segments import LineSegments
@@ -66,5 +66,7 @@ class Scene:
             hair = apply_edits(self.hair, edits[-1:])
         else:
             hair = apply_edits(self.fitted, edits) if edits else self.fitted
-        renderer = None if self.unedited is None else self.unedited.showing(hair.strands)
+        renderer = None
+        if self.unedited is not None:
+            renderer = self.unedited.showing(hair.strands, fitted_per_strand(self.fitted.strands, edits))
         return replace(self, edits=edits, hair=hair, renderer=renderer)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from tiny_hair import tiny_hair_model
 
-from neural_strands.editing.edit_list import apply_edits, read_edits, write_edits
+from neural_strands.editing.edit_list import apply_edits, fitted_per_strand, read_edits, write_edits
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import Density, Haircut
 from neural_strands.foundation.configs import check_config
@@ -60,3 +60,9 @@ def test_bounds_hold_for_edits_from_the_command_line_too():
     check_config(EDITS[0], "haircut")
     with pytest.raises(InputError, match=r"haircut: fraction: expected a finite number from 0.0 to 1.0, found 3.0"):
         check_config(Haircut(fraction=3.0), "haircut")
+
+
+def test_the_last_density_determines_how_many_fitted_strands_each_stands_for():
+    fitted = Hair.of(tiny_hair_model()).strands
+    assert fitted_per_strand(fitted, [Haircut(length=0.03)]) == 1.0
+    assert fitted_per_strand(fitted, [Density(50), Haircut(length=0.03), Density(400)]) == 0.5

@@ -127,3 +127,17 @@ def test_samples_are_seeded_and_vary_as_told(model):
     assert torch.allclose(lengths(even), lengths(even).mean(), rtol=1e-3)
     varied = sample_style(Sample(likeness=0.0, variety=1.0), shape, model).decode(model).points
     assert lengths(varied).std() > 1e-3
+
+
+def test_a_sampled_strand_turns_with_the_heading_of_the_hair(model):
+    """Where the hair heads 90 degrees further round, so does the sample: elsewhere it would stick out sideways."""
+    shape = ScalpShape.of(model)
+    line = torch.linspace(0, 0.2, 100)[None, :, None] * torch.tensor([0.0, 0.866, 0.5])
+    texture = shape.texture.clone()
+    half = len(texture) // 2
+    texture[half:] = load_prior().without_modulator().encode(line)[0]
+    sampled = sample_style(Sample(likeness=0.0, variety=0.0, seed=2), replace(shape, texture=texture), model).texture
+    ahead, aside = (model.generator(sampled[row, :1], 50)[0] for row in (0, half))
+    x, y, z = ahead.unbind(dim=1)
+    torch.testing.assert_close(aside, torch.stack([-y, x, z], dim=1), atol=2e-3, rtol=0)
+    assert float(ahead[-1].norm()) > 0.01

@@ -71,3 +71,9 @@ def test_points_that_are_not_finite_read_something_and_harm_nothing():
     points = torch.tensor([[float("nan"), 0.0, 0.0], [float("inf"), 1.0, 1.0], [1.0, 1.0, 1.0]])
     assert grid.sample(torch.ones(3, 3, 3, 1), points, "zero")[2] == 1.0
     assert grid.sample_with_slope(torch.ones(3, 3, 3), points)[0][2] == 1.0
+
+
+def test_depth_is_the_distance_from_the_border():
+    grid = VoxelGrid.filling((0.0, 0.0, 0.0), (1.0, 2.0, 3.0), 0.1)
+    places = torch.tensor([[0.5, 1.0, 1.5], [0.5, 1.0, 2.8], [0.1, 1.0, 1.5], [0.5, 2.3, 1.5]])
+    torch.testing.assert_close(grid.depth(places), torch.tensor([0.5, 0.2, 0.1, -0.3]))

@@ -14,6 +14,7 @@ from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.light import (
     AMBIENT,
     BRIGHTEST,
+    FADE,
     BakedLight,
     LightField,
     solid_voxels,
@@ -153,3 +154,23 @@ def test_light_needs_to_know_which_strand_is_which():
         baked(replace(strands, root_uv=None))
     with pytest.raises(ValueError, match="root_uv"):
         baked(strands).changed(replace(strands, root_uv=None), hair_volume(strands.points))
+
+
+def test_the_light_on_skin_changes_gradually_towards_the_border_of_the_grid():
+    """There, light enters the fitted hair's grid that a larger one may find blocked."""
+    strands = ball()
+    volume = hair_volume(strands.points)
+    low = volume.grid.origin[1] - 0.5 * volume.grid.spacing
+    heights = low + torch.tensor([-0.01, 0.001, 0.5 * FADE, FADE + 0.001])
+    places = torch.stack([torch.full((4,), 0.05), heights, torch.zeros(4)], dim=1)
+    light = baked(strands, Mesh(places, torch.tensor([[0, 1, 2], [1, 2, 3]])))
+    shaved = strands.select(torch.arange(20))
+    after = hair_volume(shaved.points, volume.grid)
+    whole = LightField.through(after, WIDTH, light.surface).at(light.skin_places) / light.skin
+    depth = volume.grid.depth(light.skin_places) / FADE
+    found = light.changed(shaved, after).skin.factor
+    assert float(found[0]) == 1.0
+    assert 0.0 < float(depth[1]) < 0.2
+    assert 0.3 < float(depth[2]) < 0.7
+    assert float(whole[3]) > 1.02
+    torch.testing.assert_close(found[1:], 1 + depth[1:].clamp(max=1.0) * (whole[1:] - 1))

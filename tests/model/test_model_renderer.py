@@ -74,3 +74,17 @@ def test_what_is_prepared_for_edits_changes_none():
     first.prepare_edits()
     pictures = [renderer.showing(stubble(hair)).render(view()).rgb for renderer in (first, later)]
     assert torch.equal(*pictures)
+
+
+def test_more_strands_that_stand_for_fewer_each_are_lit_as_before():
+    hair = model()
+    renderer = HairRenderer.of(hair)
+    twice = renderer.strands.select(torch.arange(len(renderer.strands)).repeat_interleave(2))
+    finer, denser = renderer.showing(twice, 0.5), renderer.showing(twice)
+    torch.testing.assert_close(finer.volume.values, renderer.volume.values, atol=1e-4, rtol=1e-4)
+    assert finer.light is not None
+    torch.testing.assert_close(finer.light.strands, torch.ones_like(finer.light.strands), atol=1e-4, rtol=0)
+    assert denser.light is not None
+    assert float(denser.light.strands.mean()) < 0.995
+    # Moving hair keeps the number.
+    assert finer.showing(replace(twice, points=twice.points + 0.001)).each == 0.5

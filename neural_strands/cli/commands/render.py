@@ -120,7 +120,7 @@ class Render:
 
         model = opened.fitted.modelled("render")
         if opened.edits:
-            return HairRenderer.of(model, opened.fitted.strands).showing(strands)
+            return replace(opened, hair=replace(opened.hair, strands=strands)).renderer("render")
         return HairRenderer.of(model, strands)
 
     def _cameras(self, strands: "Strands") -> "list[Camera]":
