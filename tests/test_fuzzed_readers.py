@@ -1,5 +1,7 @@
 """Every reader gets a few damaged files; `benchmarks/fuzz.py` does the same for hours."""
 
+import io
+import pickle
 import time
 import zipfile
 from pathlib import Path
@@ -8,6 +10,7 @@ from random import Random
 import fuzzed_input
 import numpy as np
 import pytest
+import torch
 from fuzzed_input import give
 from fuzzed_readers import READERS, FuzzedReader, write_corpus
 from mutations import mutated
@@ -38,6 +41,69 @@ def test_damage_is_read_or_refused(reader: FuzzedReader, corpus: Path):
             assert not outcome.is_fault, f"input {number}: {outcome}"
     finally:
         path.write_bytes(content)
+
+
+class Trap:
+    """Where this is unpickled, a file appears."""
+
+    def __init__(self, mark: Path):
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.touch, (self.mark,)
+
+
+def trapped_files(trap: Trap) -> dict[str, bytes]:
+    """Files of each kind that can hold pickles."""
+    npz, npy, checkpoint = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    held = np.array([trap], dtype=object)
+    np.savez(npz, allow_pickle=True, points=held)
+    np.save(npy, held, allow_pickle=True)
+    torch.save({"state": trap}, checkpoint)
+    pickles = {f"pickle {protocol}": pickle.dumps(trap, protocol) for protocol in (0, 2, pickle.HIGHEST_PROTOCOL)}
+    return {**pickles, "npz": npz.getvalue(), "npy": npy.getvalue(), "checkpoint": checkpoint.getvalue()}
+
+
+def with_traps(content: bytes, trap: Trap) -> bytes:
+    """An archive in which every array has been replaced by one that is pickled."""
+    array, written = io.BytesIO(), io.BytesIO()
+    np.save(array, np.array([trap], dtype=object), allow_pickle=True)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive, zipfile.ZipFile(written, "w") as changed:
+        for name in archive.namelist():
+            trapped = pickle.dumps(trap) if name.endswith(".pkl") else array.getvalue()
+            changed.writestr(name, trapped if name.endswith((".npy", ".pkl")) else archive.read(name))
+    return written.getvalue()
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_no_reader_runs_what_a_file_pickles(reader: FuzzedReader, corpus: Path, tmp_path: Path):
+    path, trap = corpus / reader.file, Trap(tmp_path / "code was run")
+    content = path.read_bytes()
+    files = trapped_files(trap)
+    if zipfile.is_zipfile(path):
+        files["the archive itself"] = with_traps(content, trap)
+    try:
+        for name, trapped in files.items():
+            path.write_bytes(trapped)
+            outcome = give(reader.read, path)
+            assert not trap.mark.exists(), f"{name}: {outcome}"
+            assert not outcome.is_fault, f"{name}: {outcome}"
+    finally:
+        path.write_bytes(content)
+
+
+def test_the_trap_works(tmp_path: Path):
+    trap = Trap(tmp_path / "code was run")
+    files = trapped_files(trap)
+    pickle.loads(files["pickle 2"])
+    assert trap.mark.exists()
+    trap.mark.unlink()
+    with np.load(io.BytesIO(files["npz"]), allow_pickle=True) as loaded:
+        loaded["points"]
+    assert trap.mark.exists()
+    trap.mark.unlink()
+    torch.load(io.BytesIO(files["checkpoint"]), weights_only=False)
+    assert trap.mark.exists()
 
 
 def crash(path: Path):

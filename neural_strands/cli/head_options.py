@@ -23,7 +23,7 @@ class HeadOptions:
     face_model: Path | None = None
     """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which includes its models."""
     bend: bool = True
-    """Deform the template to match the person's face and outline; otherwise it keeps its shape."""
+    """Deform the template to match the person's face and outline. With --no-bend, it keeps its shape."""
 
     def head_request(
         self, scale: float | None, pupil_distance: float | None = None, person_model: Path | None = None

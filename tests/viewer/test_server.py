@@ -1,11 +1,18 @@
 import asyncio
 import contextlib
+import re
 import socket
+import struct
 import sys
+from pathlib import Path
+from random import Random
+from urllib.parse import quote
 
+import msgspec
 import pytest
 import websockets
-from viser import __version__
+from mutations import mutated
+from viser import __version__, _messages
 from websockets.typing import Subprotocol
 
 from neural_strands.foundation.errors import InputError
@@ -92,28 +99,103 @@ def test_no_more_browsers_than_allowed(server):
     assert isinstance(again, bytes)
 
 
+async def closing_code(port, message):
+    """The code with which the server closes the connection after a message; None if it only drops it."""
+    address, subprotocol = f"ws://{LOOPBACK}:{port}", [Subprotocol(f"viser-v{__version__}")]
+    async with websockets.connect(address, subprotocols=subprotocol, proxy=None) as connection:
+        try:
+            await connection.send(message)
+            while True:
+                await asyncio.wait_for(connection.recv(), 10)
+        except websockets.ConnectionClosed as closed:
+            return None if closed.rcvd is None else closed.rcvd.code
+
+
 def test_nonsense_ends_the_connection_and_nothing_else(server, caplog):
     port = server.get_port()
-
-    async def babble(message):
-        address, subprotocol = f"ws://{LOOPBACK}:{port}", [Subprotocol(f"viser-v{__version__}")]
-        async with websockets.connect(address, subprotocols=subprotocol, proxy=None) as connection:
-            await connection.send(message)
-            try:
-                while True:
-                    await asyncio.wait_for(connection.recv(), 10)
-            except websockets.ConnectionClosed as closed:
-                return closed.rcvd.code
-
     for message in (b"\xff\x00nonsense", b"", "text", b"\x81\xa4type\xa7Unknown"):
-        assert asyncio.run(babble(message)) == 1011
+        assert asyncio.run(closing_code(port, message)) == 1011
     assert isinstance(asyncio.run(first_message(port, None)), bytes)
     assert caplog.text == ""
 
 
-def test_a_browser_cannot_publish_the_page(server):
-    from viser import _messages
+async def answer_to(port, message):
+    """Whether the server is still there after a message, or the code with which it closed the connection."""
+    address, subprotocol = f"ws://{LOOPBACK}:{port}", [Subprotocol(f"viser-v{__version__}")]
+    async with websockets.connect(address, subprotocols=subprotocol, proxy=None) as connection:
+        try:
+            await connection.send(message)
+            await (await connection.ping())
+            return "open"
+        except websockets.ConnectionClosed as closed:
+            return None if closed.rcvd is None else closed.rcvd.code
 
+
+def test_damaged_messages_of_browsers_harm_nobody(server, caplog, capfd):
+    camera = _messages.ViewerCameraMessage(
+        wxyz=(1.0, 0.0, 0.0, 0.0),
+        position=(0.0, 0.0, 1.0),
+        fov=1.0,
+        near=0.01,
+        far=100.0,
+        image_height=480,
+        image_width=640,
+        look_at=(0.0, 0.0, 0.0),
+        up_direction=(0.0, 1.0, 0.0),
+    )
+    update = _messages.GuiUpdateMessage(uuid="nobody", updates={"value": 3})
+    valid = [msgspec.msgpack.encode(each.as_serializable_dict()) for each in (camera, update)]
+    port = server.get_port()
+    assert {asyncio.run(answer_to(port, message)) for message in valid} == {"open"}
+    damaged = [mutated(Random(f"message {number}"), valid[number % 2]) for number in range(60)]
+    assert {asyncio.run(answer_to(port, message)) for message in damaged} <= {"open", 1011}
+    assert isinstance(asyncio.run(first_message(port, None)), bytes)
+    assert caplog.text == ""
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_huge_message_ends_the_connection_before_it_arrives(server):
+    port = server.get_port()
+    with socket.create_connection((LOOPBACK, port), timeout=10) as connection:
+        upgrade = (
+            f"GET / HTTP/1.1\r\nHost: {LOOPBACK}:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+            f"Sec-WebSocket-Protocol: viser-v{__version__}\r\n\r\n"
+        )
+        connection.sendall(upgrade.encode())
+        assert connection.recv(65536).startswith(b"HTTP/1.1 101")
+        # The header of a masked binary frame that claims a terabyte.
+        connection.sendall(b"\x82\xff" + struct.pack(">Q", 2**40) + bytes(4))
+        received = b"".join(iter(lambda: connection.recv(65536), b""))
+    assert re.search(rb"\x88[\x02-\x7d]\x03\xf1", received) is not None, received[-200:]
+    assert isinstance(asyncio.run(first_message(port, None)), bytes)
+
+
+@pytest.mark.parametrize("up", ["..", "%2e%2e", "%2E.", "..%2f..%2f..", "..%5c..%5c..", "%252e%252e", "./.."])
+@pytest.mark.parametrize("prefix", ["/", "/assets/", "//"])
+def test_paths_do_not_leave_the_page(server, prefix, up):
+    """The page lies in viser/client/build; viser's own source is a file that can be read above it."""
+    for steps in (2, 3, 4):
+        answer = answer_over_http(server.get_port(), f"{prefix}{'/'.join([up] * steps)}/__init__.py")
+        assert answer.startswith(b"HTTP/1.1 4")
+        assert b"import" not in answer
+
+
+def test_files_of_the_machine_are_not_served(server):
+    assert answer_over_http(server.get_port(), "/").startswith(b"HTTP/1.1 200")
+    for path in (Path(__file__).as_posix(), quote(__file__), "/" + Path(__file__).as_posix(), f"/{__file__}%00.html"):
+        assert answer_over_http(server.get_port(), path).startswith((b"HTTP/1.1 4", b"HTTP/1.1 5"))
+
+
+def answer_over_http(port, path):
+    """The server's answer to a request for a path, sent as it is."""
+    with socket.create_connection((LOOPBACK, port), timeout=10) as connection:
+        request = f"GET {path} HTTP/1.1\r\nHost: {LOOPBACK}:{port}\r\nConnection: close\r\n\r\n"
+        connection.sendall(request.encode())
+        return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def test_a_browser_cannot_publish_the_page(server):
     handlers = server._websock_server._incoming_handlers
     assert _messages.ShareUrlRequest not in handlers
     assert _messages.ShareUrlDisconnect not in handlers
