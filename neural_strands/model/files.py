@@ -76,7 +76,7 @@ def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairMod
         if not (folder / name).is_file():
             raise InputError(
                 f"{folder}: expected a hair model's folder with {CONFIG_NAME} and {WEIGHTS_NAME}, found no {name}; "
-                "name the folder that fit wrote."
+                "name a folder that fit wrote, once the fit has ended."
             )
     described = read_json(folder / CONFIG_NAME, "the description of a hair model", ADVICE)
     check_format(described, FORMAT)

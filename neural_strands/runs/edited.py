@@ -92,7 +92,7 @@ def open_hair(path: Path, device: torch.device | str = "cpu") -> EditedHair:
     if (path / EDIT_NAME).is_file():
         return _open_edited(path, device)
     if path.is_dir():
-        model = load_hair_model(find_hair_model(path), device).eval()
+        model = load_hair_model(_model_of(path), device).eval()
         hair = marked(Hair.of(model), RunFolder(path).groom_arrays)
     else:
         hair = Hair(_strands(read_groom(path)).to(device))
@@ -128,6 +128,21 @@ def _open_edited(folder: Path, device: torch.device | str) -> EditedHair:
     fitted = open_hair(found, device).fitted
     strands = _strands(read_groom(folder / GROOM_NAME)).to(device)
     return EditedHair(found, fitted, tuple(edits), replace(fitted, strands=strands))
+
+
+def _model_of(folder: Path) -> Path:
+    """The folder of the model: the folder itself, or a part of a run.
+
+    Raises:
+        InputError: it is a run whose fit has not ended.
+    """
+    model, run = find_hair_model(folder), RunFolder(folder)
+    if run.description.is_file() and not model.exists():
+        raise InputError(
+            f"{folder}: expected a fit that has ended, found one that has not written its model yet; wait for it, "
+            "continue it with `fit --resume`, or look at it with `view`."
+        )
+    return model
 
 
 def _strands(groom: Groom) -> Strands:

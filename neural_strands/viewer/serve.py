@@ -86,8 +86,11 @@ class ServedPage:
         return True
 
     def _prepare(self) -> None:
-        if self.page.scene.unedited is not None:
-            self.page.scene.unedited.prepare_edits()
+        scene = self.page.scene
+        if scene.unedited is not None:
+            scene.unedited.prepare_edits()
+        if scene.fitted is not None:
+            _ = scene.fitted.body_grid
 
     def _complain(self, error: InputError) -> None:
         log.warning("%s", error)

@@ -18,11 +18,11 @@ def model(tmp_path_factory):
 
 def test_cut_then_apply_a_list_then_render(model, tmp_path, capsys):
     assert main(["edit", str(model), str(tmp_path / "cut"), "haircut", "--length", "0.03"]) == 0
-    assert "200 strands after 1 edits, 200 before" in capsys.readouterr().err
+    assert "200 strands after haircut; 200 before" in capsys.readouterr().err
     (tmp_path / "edits.json").write_text(json.dumps({"format": 1, "edits": [{"edit": "density", "strands": 90}]}))
     words = ["edit", str(tmp_path / "cut"), str(tmp_path / "sparse"), "--edits", str(tmp_path / "edits.json")]
     assert main(words) == 0
-    assert "90 strands after 2 edits, 200 before" in capsys.readouterr().err
+    assert "90 strands after density; 200 before" in capsys.readouterr().err
     words = [
         "render",
         str(tmp_path / "sparse"),

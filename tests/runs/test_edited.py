@@ -66,6 +66,13 @@ def test_a_groom_alone_can_be_cut(run, tmp_path):
     assert open_hair(tmp_path / "cut").hair.model is None
 
 
+def test_a_fit_that_has_not_ended_is_one_sentence(run):
+    shutil.rmtree(run / "model")
+    (run / "run.json").write_text("{}")
+    with pytest.raises(InputError, match=r"run: expected a fit that has ended, found one that has not written its mod"):
+        open_hair(run)
+
+
 def test_nothing_else_is_replaced(run, tmp_path):
     edited = open_hair(run).edited([Haircut(length=0.03)])
     with pytest.raises(InputError, match="expected a new folder or one of edited hair"):

@@ -49,6 +49,7 @@ class Edit:
 
     def run(self) -> None:
         """Open, edit, write."""
+        from neural_strands.editing.edit_list import edit_name
         from neural_strands.runs.edited import open_hair, save_edited
 
         edits = self._edits()
@@ -56,7 +57,8 @@ class Edit:
         edited = hair.edited(edits)
         save_edited(self.out, edited)
         before, after = len(hair.hair.strands), len(edited.hair.strands)
-        sys.stderr.write(f"{self.out}: {after} strands after {len(edited.edits)} edits, {before} before.\n")
+        done = ", ".join(edit_name(edit) for edit in edits) or "no edits"
+        sys.stderr.write(f"{self.out}: {after:,} strands after {done}; {before:,} before.\n")
 
     def _edits(self) -> "list[HairEdit]":
         from neural_strands.editing.edit_list import edit_name, read_edits

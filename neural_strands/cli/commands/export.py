@@ -46,4 +46,6 @@ class Export:
         hair = open_hair(self.source, pick_device(self.device))
         written = export_hair(hair, self.file, ExportConfig(self.points, self.guides), blender)
         size = self.file.stat().st_size / 1e6
-        sys.stderr.write(f"{self.file}: {len(written)} strands of {written.points_per_strand} points, {size:.1f} MB.\n")
+        sys.stderr.write(
+            f"{self.file}: {len(written):,} strands of {written.points_per_strand} points, {size:.1f} MB.\n"
+        )

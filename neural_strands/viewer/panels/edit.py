@@ -25,6 +25,8 @@ CHANGES: dict[str, Callable[[History], History]] = {
     "Start over": History.cleared,
 }
 """Effects of the buttons on the list of edits."""
+SWITCHES = {"simulate": "simulated"}
+"""How settings that are on are listed."""
 MOST_NUMBERS = 3
 """Settings with more numbers, such as a plane, are listed without them."""
 
@@ -101,8 +103,12 @@ def described(edit: Edit) -> str:
     painted = "region" in document
     for hidden in ("seed", "region"):
         document.pop(hidden, None)
-    settings = [f"{key} {_short(value)}".strip() for key, value in document.items() if value != usual[key]]
+    settings = [_setting(key, value) for key, value in document.items() if value != usual[key]]
     return name + (": " if settings else "") + ", ".join(settings) + (" in the painted region" if painted else "")
+
+
+def _setting(name: str, value: object) -> str:
+    return SWITCHES[name] if value is True else f"{name} {_short(value)}".strip()
 
 
 def _short(value: object) -> str:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 FIRST_SHOWN = "render"
 """The curve that is selected first, once it exists: the squared colour error."""
+PADDING = (14, 14, 0, 0)
+"""Space above, right, below and left of the chart, for the outermost numbers on its axes, pixels."""
 LABELS = {
     "geometry": "distance from the line segments",
     "render": "colour error",
@@ -46,6 +48,7 @@ class FitPanel:
             ({"label": "step"}, {"label": "loss", "stroke": "#2b6cb0", "width": 1.5}),
             scales={"x": {"time": False}},
             aspect=1.4,
+            padding=PADDING,
         )
         self._choice.on_update(lambda _: self._draw())
         self.update()

@@ -27,6 +27,20 @@ SECONDS, FPS = 4.0, 15.0
 """Length of a turntable and its frames per second."""
 SIDE = 512
 """Side of a turntable, pixels."""
+FORMATS = {
+    ".usd": "USD",
+    ".usda": "USD as text",
+    ".usdc": "USD, binary",
+    ".abc": "Alembic",
+    ".glb": "glTF lines",
+    ".hair": "HAIR",
+    ".data": "USC HairSalon",
+    ".tfx": "TressFX",
+    ".ply": "PLY",
+    ".obj": "OBJ",
+    ".npz": "NumPy",
+}
+"""Names of the formats of saved hair."""
 
 
 def add_save_panel(page: Page) -> None:
@@ -54,9 +68,14 @@ def add_save_panel(page: Page) -> None:
         )
         edits.on_click(saving("Saving the edits", lambda *_: saved_edits(page.scene)))
         gui.add_divider()
-        form = gui.add_dropdown("Format", SUFFIXES)
-        hair = gui.add_button("Save the hair", hint="The strands, for Blender, Houdini, Maya, Unreal and others")
-        hair.on_click(saving("Writing the hair", lambda *_: saved_hair(page.scene, form.value)))
+        forms = {f"{FORMATS[suffix]} ({suffix})": suffix for suffix in SUFFIXES}
+        form = gui.add_dropdown(
+            "Format",
+            tuple(forms),
+            hint="USD for Blender, Houdini and Maya, Alembic for Unreal, glTF for web pages",
+        )
+        hair = gui.add_button("Save the hair", hint="The strands, with colours and wind if the format stores them")
+        hair.on_click(saving("Writing the hair", lambda *_: saved_hair(page.scene, forms[form.value])))
 
 
 def saved_view(request: FrameRequest, longest: int) -> tuple[str, bytes]:

@@ -8,4 +8,5 @@ def test_an_edit_is_listed_with_what_is_not_as_usual():
     assert described(Restyle(curl=1.0, region=((0.5, 0.5, 0.1),))) == "restyle: curl 1 in the painted region"
     assert described(Wind()) == "wind"
     assert described(Wind(direction=(0.0, 0.0, -1.0), strength=2.0)) == "wind: direction 0 0 -1, strength 2"
+    assert described(Wind(simulate=True)) == "wind: simulated"
     assert described(Density(500)) == "density: strands 500"

@@ -9,6 +9,7 @@ from neural_strands.editing.edit_list import read_edits
 from neural_strands.editing.settings import Haircut
 from neural_strands.foundation.errors import InputError
 from neural_strands.grooms.io import read_groom
+from neural_strands.grooms.scenes.scene import SUFFIXES
 from neural_strands.runs.newest_model import newest_state
 from neural_strands.runs.run_folder import RunFolder
 from neural_strands.viewer.open_scene import open_run
@@ -33,6 +34,11 @@ def test_saved_hair_is_the_edited_hair(scene, tmp_path, suffix):
         groom = read_groom(tmp_path / name)
         assert len(groom) == 200
         assert float(groom.lengths().max()) < 0.0305
+
+
+def test_every_format_has_a_name():
+    assert set(save.FORMATS) == set(SUFFIXES)
+    assert len(set(save.FORMATS.values())) == len(save.FORMATS)
 
 
 def test_saved_edits_are_the_list_that_the_command_reads(scene, tmp_path):
