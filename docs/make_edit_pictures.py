@@ -23,9 +23,9 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.edited import EditedHair, open_hair
 
 ROOT = Path(__file__).resolve().parents[1]
-FRAMING = 1.12
+FRAMING = 1.25
 """Size of the visible region, in multiples of the fitted hair's."""
-SMALLER = 0.88
+SMALLER = 0.8
 """Size of a picture in the README's row, relative to the others."""
 FOR_README = ("haircut", "wind", "curl", "volume")
 """Edits shown beside the fitted hair in `edits.png`."""
@@ -43,7 +43,7 @@ class Arguments:
     """Folder of the pictures."""
     only: tuple[str, ...] = ()
     """Names of the pictures; all of them if empty."""
-    size: int = 300
+    size: int = 330
     """Width and height of one picture, pixels."""
     turn: float = 35.0
     """Azimuth of the camera, degrees from the front to the hair's left."""

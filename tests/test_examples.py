@@ -77,10 +77,19 @@ def test_blend_hair(made_workspace, tmp_path):
     python = os.environ.get("NEURAL_STRANDS_BLENDER")
     if python is None:
         pytest.skip("NEURAL_STRANDS_BLENDER names no Python with bpy")
-    ns.write_groom(tmp_path / "hair.usd", ns.read_groom(made_workspace / "run" / "groom.npz"))
-    command = [python, FOLDER / "06_blend_hair.py", tmp_path / "hair.usd", tmp_path / "hair.blend"]
-    subprocess.run(command, capture_output=True, timeout=300, check=True)
-    assert (tmp_path / "hair.blend").stat().st_size > 10_000
+    groom = ns.read_groom(made_workspace / "run" / "groom.npz")
+    red, thick = torch.tensor([0.8, 0.05, 0.02]).expand(200, 3), torch.full((len(groom.vertices),), 2e-3)
+    ns.write_groom(tmp_path / "hair.usd", replace(groom, color=red, width=thick))
+    files = [tmp_path / f"hair.{suffix}" for suffix in ("usd", "blend", "png")]
+    subprocess.run([python, FOLDER / "06_blend_hair.py", *files], capture_output=True, timeout=300, check=True)
+    assert files[1].stat().st_size > 10_000
+    picture = cv2.imread(str(files[2]))
+    assert picture is not None
+    assert picture.shape == (400, 400, 3)
+    # The hair is red, the sky grey.
+    blue, _, glow = picture.astype(int).transpose(2, 0, 1)
+    assert 50 < int((glow - blue > 40).sum()) < 0.5 * 400 * 400
+    assert abs(int(glow[0, 0] - blue[0, 0])) < 10
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)

@@ -46,9 +46,13 @@ for shown in bpy.data.objects:
     radius = np.zeros(len(curves.points), np.float32)
     if "radius" in curves.attributes:
         curves.attributes["radius"].data.foreach_get("value", radius)
+    colours = np.zeros(4 * len(curves.curves), np.float32)
+    if "displayColor" in curves.attributes:
+        curves.attributes["displayColor"].data.foreach_get("color", colours)
     sizes = [curve.points_length for curve in curves.curves]
     names = [attribute.name for attribute in curves.attributes]
     found[shown.name] = {"frames": frames, "sizes": sizes, "radius": radius.tolist(), "names": names}
+    found[shown.name]["colours"] = colours.reshape(-1, 4)[:, :3].tolist()
 print("found " + json.dumps(found))
 """
 
@@ -187,6 +191,7 @@ def test_blender_opens_what_is_written(scene, tmp_path, suffix, written_by):
     assert np.allclose(strands["radius"], scene.strands.width / 2, atol=1e-7)
     if suffix == ".usd":
         assert {"displayColor", "st", "rootNormal"} <= set(strands["names"])
+        assert np.allclose(strands["colours"], scene.strands.color, atol=1e-6)
     else:
         assert found["guides"]["sizes"] == [5]
 
