@@ -48,6 +48,7 @@ CONFIGS = {
     "list": ("[]", "expected an object"),
     "no format": ({"format": None}, "a value under 'format'"),
     "other format": ({"format": "6"}, "format: expected 6, found '6'; use the version"),
+    "odd latent": ({"generator": {"latent": 1}}, "coupling layers need an even latent, found 1"),
     "layers": ({"generator": {"layers": 2**63}}, r"generator\.layers: expected a whole number from 0 to 64"),
     "warps": ({"generator": {"synthesiser": {"warps": 10**7}}}, r"generator\.synthesiser\.warps: expected a whole"),
     "taps": ({"model": {"unet": {"low_pass": {"taps": 10**9}}}}, r"model\.unet\.low_pass\.taps: expected a whole"),

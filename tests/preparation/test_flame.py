@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
+from fuzzed_input import give
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.head.flame import read_flame
@@ -81,6 +82,50 @@ def test_other_pickles_are_one_sentence(tmp_path: Path, content):
     with pytest.raises(InputError, match="expected") as caught:
         read_flame(path)
     assert "\n" not in str(caught.value)
+
+
+def reduced(code: str, order: str, content: bytes) -> bytes:
+    """A pickle of two arrays as NumPy writes them, whose type and bytes need not fit."""
+    array = b"cnumpy._core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\0\x85C\x01btR"
+    kind = f"cnumpy\ndtype\n(V{code}\n\x89\x88tR(K\x03V{order}\nNNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0tb".encode(
+        "latin1"
+    )
+    state = b"(K\x01K\x01K\x03\x86" + kind + b"\x89C" + bytes([len(content)]) + content + b"tb"
+    return b"\x80\x03}(Vv_template\n" + array + state + b"Vf\n" + array + state + b"u."
+
+
+def test_arrays_are_made_from_their_bytes_alone(tmp_path: Path):
+    """NumPy would take the bytes of objects for their addresses."""
+    path = tmp_path / "model.pkl"
+    for code, order, content, complaint in (
+        ("O", "|", bytes(range(24)), "something else than numbers"),
+        ("V8", "|", bytes(24), "something else than numbers"),
+        ("f8", "\0", bytes(24), "something else than numbers"),
+        ("f8", "<", bytes(16), "cannot reshape"),
+        ("f8", "<", bytes(23), "multiple of element size"),
+    ):
+        path.write_bytes(reduced(code, order, content))
+        with pytest.raises(InputError, match=complaint):
+            read_flame(path)
+    path.write_bytes(reduced("f8", "<", np.arange(3.0).tobytes()))
+    with pytest.raises(InputError, match="expected faces over finite vertices"):
+        read_flame(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x80\x02}r\xf0\xff\xff\x0f.",
+        b"\x80\x02}p999999999\n.",
+        b"\x80\x05\x96" + (2**40).to_bytes(8, "little") + b".",
+        b"\x80\x02K\x01" + b"\x85" * 100_000 + b"}q\0h\0h\0s.",
+    ],
+)
+def test_claims_cost_no_memory(tmp_path: Path, content: bytes):
+    (tmp_path / "model.pkl").write_bytes(content)
+    outcome = give(read_flame, tmp_path / "model.pkl")
+    assert outcome.kind == "refused", outcome
+    assert outcome.peak < 20_000_000
 
 
 def test_damaged_files_are_one_sentence(tmp_path: Path):

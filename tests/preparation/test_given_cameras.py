@@ -68,6 +68,8 @@ def test_metashape_projects_by_its_manual(tmp_path: Path):
         (metashape(np.diag([2.0, 1, 1, 1])), "rigid camera pose"),
         (metashape(some_pose()).replace("700", "nan"), "expected finite numbers"),
         (metashape(some_pose()).replace("700", "-1"), "positive size and focal length"),
+        (metashape(some_pose()).replace("700", "7e9"), "expected a focal length of 0.01 to 10000.0 image widths"),
+        (metashape(some_pose()).replace("0.05", "4e9"), "expected distortion of at most 1000, found 4e"),
         (metashape(some_pose()).replace('type="frame" class="adjusted"', 'type="fisheye" class="adjusted"'), "fisheye"),
     ],
 )
@@ -105,6 +107,10 @@ def test_reality_capture_looks_where_heading_and_pitch_say(tmp_path: Path):
         (reality_capture(f="x"), "finite numbers and a positive focal length"),
         (reality_capture(f="0"), "finite numbers and a positive focal length"),
         (reality_capture(k4="0.1"), "without k4"),
+        (reality_capture(px="4e9"), "expected a centre near the image"),
+        (reality_capture(k1="4e9"), "expected distortion of at most 1000"),
+        (reality_capture(f="4e12"), "expected a focal length of 0.01 to 10000.0 image widths"),
+        (reality_capture(**{"#name": "A.jpg\0\0"}, f="0"), r"'A.jpg\\x00\\x00': expected finite numbers"),
     ],
 )
 def test_wrong_reality_capture_files_are_one_sentence(tmp_path: Path, text: str, complaint: str):

@@ -37,14 +37,15 @@ def read_metashape(path: Path) -> dict[str, PosedLens]:
         if transform is None or camera.get("enabled", "true") in ("false", "0"):
             continue
         if camera.get("sensor_id") not in lenses:
-            raise InputError(f"{path}: {label[:60]}: expected a calibrated sensor, found none; {ADVICE}.")
-        values = _numbers(path, label, transform)
+            raise InputError(f"{path}: {excerpt(label)}: expected a calibrated sensor, found none; {ADVICE}.")
+        values = _numbers(path, excerpt(label), transform)
         if len(values) != 16:
             raise InputError(
-                f"{path}: {label[:60]}: expected a transform of 16 numbers, found {len(values)}; {ADVICE}."
+                f"{path}: {excerpt(label)}: expected a transform of 16 numbers, found {len(values)}; {ADVICE}."
             )
         camera_to_world = np.array(values).reshape(4, 4)
-        found[label] = PosedLens(lenses[camera.get("sensor_id")], rigid_pose(camera_to_world, f"{path}: {label[:60]}"))
+        pose = rigid_pose(camera_to_world, f"{path}: {excerpt(label)}")
+        found[label] = PosedLens(lenses[camera.get("sensor_id")], pose)
     if not found:
         raise InputError(f"{path}: expected aligned cameras, found none; align the photographs first, then {ADVICE}.")
     return found
@@ -57,7 +58,7 @@ def _lens(path: Path, sensor: ElementTree.Element) -> Lens | None:
         return None
     # The adjusted calibration follows the initial one.
     calibration = next((c for c in calibrations if c.get("class") == "adjusted"), calibrations[-1])
-    name = f"sensor {sensor.get('id')}"
+    name = f"sensor {excerpt(sensor.get('id'))}"
     kind = calibration.get("type", sensor.get("type", "frame"))
     if kind != "frame":
         raise InputError(
@@ -84,12 +85,12 @@ def _lens(path: Path, sensor: ElementTree.Element) -> Lens | None:
             f"{path}: {name}: expected a lens without {' and '.join(UNSUPPORTED)}, found them; optimise the cameras "
             "without these, then export again."
         )
-    return Lens(
-        (focal + number("b1"), focal, width / 2 + number("cx"), height / 2 + number("cy")),
-        (number("k1"), number("k2"), number("p2"), number("p1"), number("k3")),
-        width,
-        height,
-    )
+    intrinsics = (focal + number("b1"), focal, width / 2 + number("cx"), height / 2 + number("cy"))
+    coefficients = (number("k1"), number("k2"), number("p2"), number("p1"), number("k3"))
+    try:
+        return Lens(intrinsics, coefficients, width, height)
+    except ValueError as error:
+        raise InputError(f"{path}: {name}: expected {error}; {ADVICE}.") from error
 
 
 def _numbers(path: Path, place: str, text: str) -> list[float]:
@@ -98,5 +99,5 @@ def _numbers(path: Path, place: str, text: str) -> list[float]:
     except ValueError:
         values = []
     if not values or not all(map(math.isfinite, values)):
-        raise InputError(f"{path}: {place[:60]}: expected finite numbers, found {text.strip()[:40]!r}; {ADVICE}.")
+        raise InputError(f"{path}: {place}: expected finite numbers, found {text.strip()[:40]!r}; {ADVICE}.")
     return values

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from neural_strands.capture.lens import Lens
-from neural_strands.foundation.errors import InputError, reason
+from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
 
 FILM_WIDTH = 36.0
@@ -41,14 +41,16 @@ def read_reality_capture(path: Path, sizes: Mapping[str, tuple[int, int]]) -> di
     stems = {Path(name).stem.lower(): size for name, size in sizes.items()}
     found = {}
     for row in rows:
-        size = stems.get(Path(row["#name"]).stem.lower())
+        # A row that is too short lacks its last columns.
+        name = row["#name"] or ""
+        size = stems.get(Path(name).stem.lower())
         if size is not None:
-            found[row["#name"]] = _camera(path, row, size)
+            found[name] = _camera(path, row, size)
     return found
 
 
 def _camera(path: Path, row: dict[str, str], size: tuple[int, int]) -> PosedLens:
-    source = f"{path}: {row['#name'][:60]}"
+    source = f"{path}: {excerpt(row['#name'])}"
     try:
         value = {column: float(row[column]) for column in COLUMNS[1:]}
     except (ValueError, TypeError):
@@ -61,9 +63,11 @@ def _camera(path: Path, row: dict[str, str], size: tuple[int, int]) -> PosedLens
     pixels = max(size) / FILM_WIDTH
     focal = value["f"] * pixels
     centre = (width / 2 + value["px"] * pixels, height / 2 + value["py"] * pixels)
-    lens = Lens(
-        (focal, focal, *centre), (value["k1"], value["k2"], value["t1"], value["t2"], value["k3"]), width, height
-    )
+    coefficients = (value["k1"], value["k2"], value["t1"], value["t2"], value["k3"])
+    try:
+        lens = Lens((focal, focal, *centre), coefficients, width, height)
+    except ValueError as error:
+        raise InputError(f"{source}: expected {error}; {ADVICE}.") from error
     camera_to_world = np.eye(4)
     # Heading runs clockwise from north (y) seen from above (z); the camera's own axes are OpenGL's.
     turn = _turn(2, -value["heading"]) @ _turn(0, value["pitch"]) @ _turn(1, value["roll"])

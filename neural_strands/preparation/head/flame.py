@@ -1,11 +1,14 @@
 """Reads the FLAME head model from the pickle that its licensors provide, without running code in it.
 
-A pickle can call any function. Here only NumPy arrays are built; every other name is replaced by an inert object, so
-that the file's references to SciPy and Chumpy have no effect.
+A pickle can call any function. Here every name is replaced by an object that does nothing but remember its arguments,
+so that the file's references to NumPy, SciPy and Chumpy have no effect. Arrays of numbers are then made from what was
+remembered: NumPy's own functions for this trust the file, and crash on a damaged one.
 """
 
 import codecs
 import pickle
+import pickletools
+import re
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,13 +23,20 @@ from neural_strands.geometry.mesh import Mesh
 LARGEST = 2**30
 """Largest size of the file, bytes."""
 MOST_VERTICES = 200_000
+MOST_STEPS = 20_000
+"""Largest number of a pickle's instructions; FLAME's have some hundreds. Deeper nesting could exhaust the stack."""
 ARRAY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
+PLACES = ("PUT", "BINPUT", "LONG_BINPUT")
+"""Instructions that name a place in the memo, a list that grows to that length."""
+NUMBERS = re.compile("[iuf][1248]")
+"""NumPy's codes of the numbers that are read."""
 
 
 class _Inert:
-    """Replaces objects of any other library: accepts any arguments and stores its state."""
+    """Replaces objects of any library: accepts any arguments, and stores them and its state."""
 
-    def __init__(self, *_: object, **__: object) -> None:
+    def __init__(self, *arguments: Any, **_: object) -> None:
+        self.arguments = arguments
         self.state: Any = None
 
     def __setstate__(self, state: object) -> None:
@@ -42,6 +52,23 @@ class _Inert:
         pass
 
 
+class _Array(_Inert):
+    """Replaces an array: its state is (version, shape, dtype, whether in Fortran's order, bytes)."""
+
+    def numbers(self) -> np.ndarray:
+        """The array.
+
+        Raises:
+            ValueError: it does not hold numbers, or another number of bytes than its shape says.
+        """
+        _, shape, dtype, in_fortran_order, content = self.state
+        code, order = str(dtype.arguments[0]), str(dtype.state[1])
+        content = content.encode("latin1") if isinstance(content, str) else content
+        if not NUMBERS.fullmatch(code) or order not in ("<", ">", "=", "|") or not isinstance(content, bytes):
+            raise ValueError("an array of something else than numbers")
+        return np.frombuffer(content, order + code).reshape(shape, order="F" if in_fortran_order else "C")
+
+
 def _encode(text: str, encoding: str = "latin1") -> bytes:
     """Replaces the function by which Python 3 pickles make bytes; other encodings could expand to any size."""
     if encoding != "latin1":
@@ -49,20 +76,28 @@ def _encode(text: str, encoding: str = "latin1") -> bytes:
     return codecs.encode(text, "latin1")
 
 
-class _ArrayUnpickler(pickle.Unpickler):
-    """Builds arrays, numbers, texts and containers, and nothing else."""
+class _InertUnpickler(pickle.Unpickler):
+    """Builds inert objects, numbers, texts and containers, and nothing else."""
 
     def find_class(self, module: str, name: str) -> Any:
-        # NumPy's pickles name two functions that build arrays; their module differs between its versions.
+        # The module of the function that builds arrays differs between versions of NumPy.
         if module in ARRAY_MODULES and name == "_reconstruct":
-            return np.zeros(0).__reduce__()[0]
-        if module in ARRAY_MODULES and name == "scalar":
-            return np.float64(0).__reduce__()[0]
-        if module == "numpy" and name in ("ndarray", "dtype"):
-            return getattr(np, name)
+            return _Array
         if (module, name) == ("_codecs", "encode"):
             return _encode
         return _Inert
+
+
+def _check_steps(data: bytes) -> None:
+    """Refuse a pickle whose instructions claim more than the file holds; the unpickler reserves whatever they claim.
+
+    Raises:
+        ValueError: an instruction is damaged, or names a place in the memo beyond the number of instructions.
+    """
+    for step, (code, argument, _) in enumerate(pickletools.genops(data)):
+        place = argument if code.name in PLACES and argument is not None else 0
+        if not max(step, place) < MOST_STEPS or place < 0:
+            raise ValueError(f"more than {MOST_STEPS} instructions")
 
 
 def read_flame(path: Path) -> Mesh:
@@ -73,7 +108,8 @@ def read_flame(path: Path) -> Mesh:
     """
     data = read_bytes(path, "FLAME's model", LARGEST)
     try:
-        model = _ArrayUnpickler(BytesIO(data), encoding="latin1").load()
+        _check_steps(data)
+        model = _InertUnpickler(BytesIO(data), encoding="latin1").load()
         vertices, faces = (_array(model[name]) for name in ("v_template", "f"))
     # A damaged pickle can raise almost anything.
     except Exception as error:
@@ -92,8 +128,8 @@ def read_flame(path: Path) -> Mesh:
 
 def _array(value: Any) -> np.ndarray:
     """Unwrap an array, which Chumpy may have wrapped (its state has the array under `x`)."""
-    if isinstance(value, _Inert):
+    if isinstance(value, _Inert) and not isinstance(value, _Array):
         value = value.state["x"]
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
-        raise ValueError(f"{type(value).__name__} in place of an array of numbers")
-    return value
+    if not isinstance(value, _Array):
+        raise ValueError(f"{type(value).__name__} in place of an array")
+    return value.numbers()
