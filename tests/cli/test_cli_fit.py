@@ -2,7 +2,9 @@
 
 import io
 import json
+import shutil
 import zipfile
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,6 +88,24 @@ def chance_scores(groom, true_strands):
     reach = lengths(true_strands).mean() * torch.linspace(0, 1, 24)[:, None]
     scores = score_geometry(sample_strands(groom.roots[:, None] + reach * heading), sample_strands(true_strands))
     return {score.threshold.name: score.unsigned.f_score for score in scores if score.threshold.name != "1mm/10deg"}
+
+
+def test_a_fit_is_shown_on_a_page_only_if_asked(tiny, monkeypatch):
+    shown = []
+
+    @contextmanager
+    def page(run):
+        shown.append((run, (run / "groom.usd").exists()))
+        yield
+        shown.append((run, (run / "groom.usd").exists()))
+
+    monkeypatch.setattr("neural_strands.viewer.beside.page_beside", page)
+    assert main(fit_arguments(tiny)) == 0
+    assert shown == []
+    shutil.rmtree(tiny / "run")
+    assert main(fit_arguments(tiny, "--view")) == 0
+    # The page is there before the fit begins, and until it has ended.
+    assert shown == [(tiny / "run", False), (tiny / "run", True)]
 
 
 def test_a_second_fit_into_the_same_folder_is_refused_and_nothing_is_lost(tiny, capsys):

@@ -26,6 +26,8 @@ from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.viewer.beside import page_beside
 from neural_strands.viewer.history import History
 from neural_strands.viewer.page import Look
+from neural_strands.viewer.panels.plane_handle import HANDLE
+from neural_strands.viewer.panels.plane_handle import NAME as PLANE
 from neural_strands.viewer.panels.region import BRUSH
 from neural_strands.viewer.panels.tabs import Tabs
 from neural_strands.viewer.serve import ServedPage
@@ -183,9 +185,21 @@ def test_hair_below_the_plane_is_cut(tab):
     tab.open("Edit")
     whole = float(lengths(tab.scene.strands.points).sum())
     tab.page.get_by_label("Show the plane").click()
+    tab.tab.wait_for(lambda: tab.served.page.server.scene.get_handle_by_name(PLANE) is not None)
+    plane = tab.served.page.server.scene.get_handle_by_name(PLANE)
+    low = plane.position.copy()
+    # Near the tip of the arrow that points up.
+    x, y = tab.pixel(torch.from_numpy(low).float() + torch.tensor([0.0, 0.85 * HANDLE, 0.0]))
+    tab.tab.until(lambda canvas: np.ptp(canvas[round(y), round(x)].astype(int)) > 40)
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x, y - 20, steps=6)
+    tab.page.mouse.up()
+    tab.tab.wait_for(lambda: plane.position[1] > low[1] + 0.005)
     tab.press("Cut the hair")
     tab.says("haircut: plane")
     (cut,) = tab.scene.edits
+    assert cut.plane[1] > low[1] + 0.005
     assert float(tab.scene.strands.points[..., 1].min()) > cut.plane[1] - 1e-3
     assert float(lengths(tab.scene.strands.points).sum()) < 0.99 * whole
     tab.page.get_by_label("Show the plane").click()
