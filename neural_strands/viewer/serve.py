@@ -25,6 +25,8 @@ log = logging.getLogger(__name__)
 
 POLL_SECONDS = 2.0
 """Interval at which a run is checked for a newer state, seconds."""
+PREPARE_SECONDS = 5.0
+"""Time for the first pictures before the distance to the head is sampled, seconds."""
 
 
 class ServedPage:
@@ -50,11 +52,13 @@ class ServedPage:
         self.page = Page(server, self._open(self._state), finer)
         self._tabs = Tabs(self.page)
         # Prepare edits while the user is still looking around, so that the first edit is as fast as the others.
+        self._closed = threading.Event()
         self._preparing = threading.Thread(target=self._prepare, name="viewer-light", daemon=True)
         self._preparing.start()
 
     def close(self) -> None:
         """End the page's threads; the server keeps running."""
+        self._closed.set()
         self._preparing.join()
         self.page.close()
 
@@ -89,7 +93,7 @@ class ServedPage:
         scene = self.page.scene
         if scene.unedited is not None:
             scene.unedited.prepare_edits()
-        if scene.fitted is not None:
+        if scene.fitted is not None and not self._closed.wait(PREPARE_SECONDS):
             _ = scene.fitted.body_grid
 
     def _complain(self, error: InputError) -> None:

@@ -57,6 +57,13 @@ def test_a_checkpoint_holds_the_model_that_the_run_ends_with(run):
         assert torch.equal(written[name], read[name]), name
 
 
+def test_the_distance_to_the_head_is_sampled_before_an_edit_needs_it(run, serve, monkeypatch):
+    monkeypatch.setattr("neural_strands.viewer.serve.PREPARE_SECONDS", 0.0)
+    served = serve(run.path)
+    served._preparing.join(60)
+    assert "grid" in vars(served.page.scene.fitted.body)
+
+
 def test_the_newest_state_is_the_one_written_last(run):
     touch(run.checkpoint, 1000)
     touch(run.model / "model.safetensors", 2000)
