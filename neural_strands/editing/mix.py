@@ -40,6 +40,8 @@ def transfer(settings: Transfer, shape: ScalpShape, model: HairModel) -> ScalpSh
 
 @torch.no_grad()
 def _mixed(shape: ScalpShape, model: HairModel, path: str, share: float, region: Dabs, edit: str) -> ScalpShape:
+    if not Path(path).exists():
+        raise InputError(f"{edit}: {path}: expected another run or its model, found nothing there; check the path.")
     other = load_hair_model(find_hair_model(Path(path)), shape.texture.device)
     _check_same_generator(model, other, path, edit)
     if region:

@@ -89,6 +89,10 @@ def open_hair(path: Path, device: torch.device | str = "cpu") -> EditedHair:
     Raises:
         InputError: it is none of these, or is damaged.
     """
+    if not path.exists():
+        raise InputError(
+            f"{path}: expected a run, a model, edited hair or a groom file, found nothing; check the path."
+        )
     if (path / EDIT_NAME).is_file():
         return _open_edited(path, device)
     if path.is_dir():

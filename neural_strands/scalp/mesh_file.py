@@ -89,7 +89,7 @@ def _check(path: Path, found: _Polygons) -> None:
         InputError: there are no faces, or vertices or indices are invalid.
     """
     if not found.kept.any():
-        raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")
+        raise InputError(f"{path}: expected a mesh with faces, found none; export it as a surface.")
     if not (np.abs(found.vertices) < LARGEST).all():
         raise InputError(f"{path}: expected finite vertices, found NaN, infinity or more than 1e9; repair the mesh.")
     if found.uv is not None and not (np.abs(found.uv) < LARGEST).all():
@@ -120,7 +120,7 @@ def _fans(path: Path, found: _Polygons) -> MeshFile:
     vertices = torch.from_numpy(found.vertices.astype(np.float32))
     mesh = Mesh(vertices, torch.from_numpy(found.corners[loops]), corner_uv)
     if not float(face_areas(mesh).sum()) > 0:
-        raise InputError(f"{path}: expected a surface, found faces without any area; export the head as a surface.")
+        raise InputError(f"{path}: expected a surface, found faces without any area; export it as a surface.")
     return MeshFile(mesh, polygon, loops, len(sizes))
 
 
@@ -204,7 +204,7 @@ def _read_with_trimesh(path: Path) -> _Polygons:
             f"({reason(error)}); export it again, for instance as .obj."
         ) from error
     if not isinstance(loaded, trimesh.Trimesh):
-        raise InputError(f"{path}: expected a mesh with faces, found none; export the head as a surface.")
+        raise InputError(f"{path}: expected a mesh with faces, found none; export it as a surface.")
     vertices, faces = np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64)
     uv = getattr(loaded.visual, "uv", None)
     corner_uv = None if uv is None else np.asarray(uv)[faces].reshape(-1, 2)

@@ -38,6 +38,11 @@ def test_cut_then_apply_a_list_then_render(model, tmp_path, capsys):
     assert [path.name for path in (tmp_path / "png").iterdir()] == ["0000.png"]
 
 
+def test_hair_that_is_absent_is_one_sentence(tmp_path, capsys):
+    assert main(["edit", str(tmp_path / "run"), str(tmp_path / "out"), "haircut", "--length", "0.1"]) == 2
+    assert "run: expected a run, a model, edited hair or a groom file, found nothing" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -45,6 +50,8 @@ def test_cut_then_apply_a_list_then_render(model, tmp_path, capsys):
         (["--edits", "edits.json", "haircut", "--length", "0.1"], "found both; give one"),
         (["haircut"], "expected one of length, fraction, plane, box, mesh, found none"),
         (["haircut", "--fraction", "2"], "haircut: fraction: expected a finite number from 0.0 to 1.0, found 2.0"),
+        (["restyle"], "restyle: expected a change, found none; give --length"),
+        (["blend", "--other", "absent"], "blend: absent: expected another run or its model, found nothing there"),
         (["haircut", "--unevn", "2"], "--unevn: expected an option such as --uneven"),
         (["haircut", "--uneven", "wide"], "--uneven: expected a number, found 'wide'"),
         (["haircut", "--plane", "0", "-9", "0", "0", "1", "0"], "the plane cuts off all 200 strands; move it or turn"),

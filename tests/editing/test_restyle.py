@@ -95,8 +95,12 @@ def test_blend_and_transfer(model, tmp_path):
     save_hair_model(other, tmp_path / "other" / "model")
     with pytest.raises(InputError, match="expected a run with the same strand prior, found another"):
         transfer(Transfer(str(tmp_path / "other")), shape, model)
-    with pytest.raises(InputError, match="expected a hair model's folder"):
+    with pytest.raises(InputError, match="absent: expected another run or its model, found nothing there"):
         transfer(Transfer(str(tmp_path / "absent")), shape, model)
+    # A run whose fit has not ended.
+    (tmp_path / "begun").mkdir()
+    with pytest.raises(InputError, match=r"expected a hair model's folder .* once the fit has ended"):
+        transfer(Transfer(str(tmp_path / "begun")), shape, model)
 
 
 @pytest.mark.parametrize(

@@ -70,4 +70,6 @@ class Edit:
         if self.edit is None:
             raise InputError("edit: expected an edit such as haircut or a list in --edits, found neither; give one.")
         check_config(self.edit, edit_name(self.edit))
+        if self.edit == Restyle():
+            raise InputError("restyle: expected a change, found none; give --length, --curl, --wave or --volume.")
         return [self.edit]
