@@ -43,7 +43,8 @@ def curves_plot(series: Mapping[str, Sequence[tuple[float, float]]], title: str)
     axes.set_xlabel("step")
     axes.set_title(title)
     axes.grid(alpha=0.3)
-    axes.legend(loc="upper right", fontsize=8)
+    # Beside the curves, which it would hide.
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     return figure_image(figure)
 
 

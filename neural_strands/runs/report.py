@@ -18,6 +18,7 @@ from neural_strands.pictures.lines import lines_over_photograph, lines_picture
 from neural_strands.pictures.plots import curves_plot
 from neural_strands.runs.evaluate import Evaluation, RunContents, read_losses
 from neural_strands.runs.run_folder import read_description
+from neural_strands.runs.run_log import loss_label
 
 PAPER_ROWS = {
     "paper, short: LMVS": ((56.91, 12.11, 19.98), (93.42, 30.29, 45.75), (98.85, 46.62, 63.36)),
@@ -50,7 +51,8 @@ def write_report(run: RunContents, result: Evaluation) -> None:
     galleries = [_views_gallery(result), _alpha_gallery(run, result), _geometry_gallery(run), stills]
     losses = read_losses(run.folder.log)
     if losses:
-        plot = encode_png(curves_plot(losses, "losses"))
+        named = {loss_label(name): curve for name, curve in losses.items()}
+        plot = encode_png(curves_plot(named, "losses"))
         galleries.append(
             Gallery("Losses during the fit", (("each point is a mean over several steps", plot),), columns=1)
         )

@@ -12,6 +12,17 @@ from neural_strands.foundation.json_files import parse_json
 
 log = logging.getLogger(__name__)
 
+LOSSES = {
+    "surface": "distance, strands to segments",
+    "coverage": "distance, segments to strands",
+    "head": "depth inside the head",
+    "first": "distance from the first strands",
+    "render": "colour error",
+    "perceptual": "perceptual colour error",
+    "alpha": "opacity error",
+}
+"""What the losses of a fit measure, for people, by their names in the log."""
+
 
 class RunLog:
     """Figures of every step, one JSON object per line; lines after the step from which a run resumes are dropped."""
@@ -69,3 +80,8 @@ def read_log(path: Path) -> list[dict[str, float]]:
 
 def _lines(path: Path) -> list[str]:
     return read_bytes(path, "the log of a run").decode("utf-8", errors="replace").splitlines()
+
+
+def loss_label(name: str) -> str:
+    """What a loss measures, in plain words; its name if it is none of `LOSSES`."""
+    return LOSSES.get(name, name)

@@ -25,6 +25,7 @@ from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import SegmentsSource, load_segments, load_segments_source, save_segments
 from neural_strands.prior.vae import load_prior, save_prior
 from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.runs.run_log import LOSSES
 
 
 @pytest.fixture
@@ -54,7 +55,10 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     assert arrays.color is not None
     assert arrays.unseen is not None
     assert ((arrays.unseen >= 0) & (arrays.unseen <= 1)).all()
-    assert len((run / "log.jsonl").read_text().splitlines()) == 8
+    rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert len(rows) == 8
+    # Every loss has a label for people.
+    assert {name for row in rows for name in row} - {"step", "seconds"} == set(LOSSES)
     assert main(["evaluate", str(run), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["held_out_views"]["count"] == 1

@@ -15,7 +15,6 @@ from neural_strands.model.files import load_hair_model
 from neural_strands.runs.newest_model import StateFile, load_newest_model, newest_state
 from neural_strands.runs.run_folder import RunFolder, read_description
 from neural_strands.viewer.layers import HEAD
-from neural_strands.viewer.panels.fit import label
 from neural_strands.viewer.serve import ServedPage
 from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
@@ -138,7 +137,7 @@ def test_the_curves_grow_with_the_log(run, serve):
             file.write(json.dumps({"step": float(step), "seconds": 0.1, "render": 0.01}) + "\n")
     served.refresh()
     assert "Step 30 of 20" in panel._done.content
-    assert panel._choice.value == label("render")
+    assert panel._choice.value == "colour error"
     assert len(panel._chart.data[0]) == before + 10
     assert float(panel._chart.data[1][-1]) == pytest.approx(0.01)
 

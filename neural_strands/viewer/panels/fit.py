@@ -6,6 +6,7 @@ import numpy as np
 
 from neural_strands.runs.evaluate import read_losses
 from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.runs.run_log import loss_label
 
 if TYPE_CHECKING:
     import viser
@@ -14,15 +15,6 @@ FIRST_SHOWN = "render"
 """The curve that is selected first, once it exists: the squared colour error."""
 PADDING = (14, 14, 0, 0)
 """Space above, right, below and left of the chart, for the outermost numbers on its axes, pixels."""
-LABELS = {
-    "geometry": "distance from the line segments",
-    "render": "colour error",
-    "perceptual": "perceptual colour error",
-    "alpha": "opacity error",
-    "head": "depth inside the head",
-    "first": "distance from the first strands",
-}
-"""Labels of the losses; others keep their names."""
 
 
 class FitPanel:
@@ -41,7 +33,7 @@ class FitPanel:
         self._series: dict[str, list[tuple[float, float]]] = {}
         self._done = gui.add_markdown("")
         self._bar = gui.add_progress_bar(0.0)
-        self._choice = gui.add_dropdown("Curve", (LABELS[FIRST_SHOWN],))
+        self._choice = gui.add_dropdown("Curve", (loss_label(FIRST_SHOWN),))
         nothing = np.zeros(0)
         self._chart = gui.add_uplot(
             (nothing, nothing),
@@ -67,7 +59,7 @@ class FitPanel:
         done = max((curve[-1][0] for curve in self._series.values()), default=0.0)
         self._done.content = f"**Step {done:.0f} of {self._steps}**"
         self._bar.value = 100.0 * min(done / self._steps, 1.0)
-        names = tuple(label(name) for name in self._series)
+        names = tuple(loss_label(name) for name in self._series)
         if names and names != self._choice.options:
             chosen = self._choice.value
             self._choice.options = names
@@ -75,11 +67,6 @@ class FitPanel:
         self._draw()
 
     def _draw(self) -> None:
-        curve = next((curve for name, curve in self._series.items() if label(name) == self._choice.value), [])
+        curve = next((curve for name, curve in self._series.items() if loss_label(name) == self._choice.value), [])
         steps, values = np.array(curve, np.float64).reshape(-1, 2).T
         self._chart.data = (steps, values)
-
-
-def label(loss: str) -> str:
-    """The label of a loss."""
-    return LABELS.get(loss, loss)
