@@ -3,7 +3,7 @@
 import math
 
 FIRST = 192
-SMALLEST, LARGEST = 64, 640
+SMALLEST, LARGEST = 96, 640
 """Bounds of the longer side, pixels."""
 STEP = 16
 """Sizes are multiples of this, so that they do not flicker."""
