@@ -40,6 +40,21 @@ def atomic_file(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def check_writable(path: Path) -> None:
+    """Refuse a file that cannot be written, before the work whose result it would hold.
+
+    Raises:
+        InputError: the folder cannot be created or written to.
+    """
+    probe = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed.") from error
+
+
 def write_json(path: Path, document: Any) -> None:
     """Write a JSON document.
 

@@ -104,7 +104,8 @@ def write_usd(path: Path, groom: Groom, guides: Groom | None = None, motion: Mot
         layer.Export(str(path))
     except tf.ErrorException as error:
         reasons = re.findall(r"'([^']*)'\s*$", str(error), re.MULTILINE)
-        raise OSError(reasons[0] if reasons else "USD's library could not write it") from error
+        found = reasons[0].strip(": ") if reasons else ""
+        raise OSError(found or "USD's library could not write it") from error
 
 
 def _define_curves(stage: Any, place: str, groom: Groom) -> Any:

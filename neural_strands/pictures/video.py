@@ -28,6 +28,8 @@ def video_writer(path: Path, size: tuple[int, int], fps: float) -> Iterator[Call
     """
     even = (max(size[0] // 2 * 2, 2), max(size[1] // 2 * 2, 2))
     with atomic_file(path) as temporary:
+        # OpenCV does not tell a folder that cannot be written to from a missing encoder.
+        temporary.touch()
         video = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), fps, even)
         if not video.isOpened():
             raise InputError(f"{path}: expected an MPEG-4 encoder in OpenCV, found none; write images instead.")

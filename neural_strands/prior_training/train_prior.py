@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file, tensor_bytes
+from neural_strands.foundation.files import atomic_file, check_writable, tensor_bytes
 from neural_strands.foundation.interrupts import whole_steps
 from neural_strands.foundation.progress import progress_bar
 from neural_strands.foundation.tensor_files import difference, read_tensors
@@ -80,9 +80,10 @@ def train_prior(
 
     Raises:
         InputError: the configuration is impossible, there is nothing to resume, the checkpoint has another
-            configuration or seed, or a loss is not finite.
+            configuration or seed, a loss is not finite, or `out` cannot be written.
     """
     check_prior_config(config)
+    check_writable(out)
     began = time.monotonic()
     described = json.dumps({"config": asdict(config), "seed": seed}, sort_keys=True)
     weights = keyed_generator(seed, 2)

@@ -5,9 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from read_only import read_only_folder
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file, atomic_folder, sole_writer
+from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, sole_writer
 
 
 def test_file_appears_whole_and_replaces(tmp_path: Path):
@@ -72,7 +73,7 @@ def test_folder_under_a_file_is_an_input_error(tmp_path: Path):
 WRITER = """
 import sys, time
 from pathlib import Path
-from neural_strands.foundation.files import atomic_file, atomic_folder, sole_writer
+from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, sole_writer
 folder = Path(sys.argv[1])
 with sole_writer(folder), atomic_file(folder / "checkpoint.pt") as file, atomic_folder(folder / "model") as model:
     file.write_text("half")
@@ -108,3 +109,14 @@ def test_a_writer_that_wrote_nothing_leaves_no_folder(tmp_path: Path):
     (tmp_path / "a").write_text("")
     with pytest.raises(InputError, match="cannot be written"), sole_writer(tmp_path / "a" / "b"):
         pass
+
+
+def test_what_can_be_written_is_not_touched_by_the_check(tmp_path: Path):
+    (tmp_path / "a.txt").write_text("old")
+    check_writable(tmp_path / "a.txt")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+    check_writable(tmp_path / "new" / "b.txt")
+    assert list((tmp_path / "new").iterdir()) == []
+    with pytest.raises(InputError, match=r"out.txt: cannot be written \(.+\); nothing was changed"):
+        check_writable(read_only_folder(tmp_path / "read-only") / "out.txt")

@@ -48,13 +48,14 @@ class PriorTraverse:
         """Measure, draw, print."""
         import torch
 
-        from neural_strands.foundation.files import write_json
+        from neural_strands.foundation.files import check_writable, write_json
         from neural_strands.pictures.encoding import write_png
         from neural_strands.pictures.plots import Panel, panels_plot
         from neural_strands.prior.curves import synthetic_curves
         from neural_strands.prior.traversal import MEASURES, traverse
         from neural_strands.prior.vae import load_prior
 
+        check_writable(self.out / "traversal.png")
         device, generator = pick_device(self.device), seeded(self.seed)
         prior = load_prior(self.weights, device)
         size = prior.generator.config.latent
