@@ -195,7 +195,7 @@ def main(arguments: Arguments) -> None:
             sys.stderr.write(f"step {state.step}, {elapsed:.1f} min: loss {loss:.4f}, held out {summary(now)}\n")
 
     state = start_fit(model, config)
-    state.drawn = strands.points
+    state.show(strands.points)
     data = gather_fit_data(capture, head, strand_segments(strands), config, torch.device("cpu"))
     fit(state, data, config, lpips, after_step=report)
     seconds = time.perf_counter() - begin

@@ -110,7 +110,7 @@ def fitted(arguments: Arguments, capture: Capture, head: Head, strands: Strands)
     model = HairModel(config.model, roots, StrandGenerator(), head.mesh, random)
     lpips, _ = find_lpips("squeeze", fetch=False)
     state = start_fit(model, config)
-    state.drawn = strands.points
+    state.show(strands.points)
     data = gather_fit_data(capture, head, strand_segments(strands), config, torch.device("cpu"))
     fit(state, data, config, lpips)
     return model.eval()

@@ -8,7 +8,7 @@ from torch import Tensor
 from neural_strands.fitting.fit import FitState
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, tensor_bytes
-from neural_strands.foundation.tensor_files import difference, read_tensors
+from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam
 from neural_strands.model.files import hair_model_from_tensors
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.prior.generator import StrandGenerator
@@ -46,9 +46,10 @@ def load_checkpoint(state: FitState, path: Path) -> None:
     if (name := _not_finite(content)) is not None:
         raise InputError(f"{path}: expected finite numbers, found NaN in {name}; {ADVICE}.")
     state.model.load_state_dict(content["model"], strict=False)
-    state.optimiser.load_state_dict(content["optimiser"])
-    state.remembered, state.drawn = content["remembered"].to(device), content["drawn"].to(device)
-    state.first, state.seen = content["first"].to(device), content["seen"].to(device)
+    restore_adam(state.optimiser, content["optimiser"])
+    state.show(content["drawn"].to(device))
+    state.remembered, state.first = content["remembered"].to(device), content["first"].to(device)
+    state.seen = content["seen"].to(device)
     state.step = content["step"]
 
 
@@ -75,7 +76,7 @@ def _content(state: FitState) -> dict[str, Any]:
     learned = {name: value for name, value in state.model.state_dict().items() if not name.startswith("generator.")}
     return {
         "model": learned,
-        "optimiser": state.optimiser.state_dict(),
+        "optimiser": adam_state(state.optimiser),
         "remembered": state.remembered,
         "drawn": state.drawn,
         "first": state.first,

@@ -34,6 +34,7 @@ from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.raster.lines import rasterise_lines
 
 REFRESH_EVERY = 10
@@ -54,6 +55,7 @@ class FitState:
         first: the initial strands, `step_points` each.
         seen: which of the remembered points were visible in some view when visibility was last computed.
         step: number of steps done.
+        density: density of `drawn`; None until an image step needs it.
     """
 
     model: HairModel
@@ -63,6 +65,17 @@ class FitState:
     first: Float[Tensor, "root point 3"]
     seen: Bool[Tensor, "root point"]
     step: int = 0
+    density: HairVolume | None = None
+
+    def show(self, drawn: Float[Tensor, "root drawn_point 3"]) -> None:
+        """Replace the strands that image steps render."""
+        self.drawn, self.density = drawn, None
+
+    def volume(self) -> HairVolume:
+        """Density of the strands that image steps render."""
+        if self.density is None:
+            self.density = hair_volume(self.drawn)
+        return self.density
 
 
 def start_fit(model: HairModel, config: FitConfig) -> FitState:
@@ -78,8 +91,10 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
             "rate": rates.surround,
         },
     ]
-    # Texels seen by only a few pixels have gradients far below Adam's usual epsilon.
-    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
+    on_cpu = model.root_uv.device.type == "cpu"
+    # Texels seen by only a few pixels have gradients far below Adam's usual epsilon. One pass over the memory is many
+    # times as fast on the CPU; on CUDA it would move the step counters to the device (see `load_checkpoint`).
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=on_cpu or None)
     with torch.no_grad():
         first = model.decode(config.step_points).points
         seen = torch.ones(first.shape[:2], dtype=torch.bool, device=first.device)
@@ -212,7 +227,7 @@ def _image_part(
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
         blur = appearance_blur_width(state.step, config.steps, config.schedule)
-        output = model.render(strands, target.camera, blur, gradient_weights=surround_weights(target))
+        output = model.render(strands, target.camera, blur, state.volume(), surround_weights(target))
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)
@@ -258,6 +273,6 @@ def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
 @torch.no_grad()
 def _decode_all(state: FitState, config: FitConfig) -> None:
     """Decode all strands again after the shape has changed, for images and for the geometric loss."""
-    state.drawn = state.model.decode().points
+    state.show(state.model.decode().points)
     pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
     state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()

@@ -44,7 +44,7 @@ def difference(found: Any, expected: Any, place: str) -> str | None:
     """Describe where a structure differs from the expected one; None if it does not.
 
     Dictionaries must have the same keys, lists the same length, tensors the same shape and type, and everything else
-    the same type. An expected Adam optimiser stands for its `state_dict`, in which moments of parameters that have had
+    the same type. An expected Adam optimiser stands for its `adam_state`, in which moments of parameters that have had
     no gradient so far may be missing.
 
     Args:
@@ -72,6 +72,21 @@ def difference(found: Any, expected: Any, place: str) -> str | None:
     return None
 
 
+def adam_state(optimiser: torch.optim.Adam) -> dict[str, Any]:
+    """An optimiser's `state_dict` without `fused`, which depends on the device rather than on the state."""
+    content = optimiser.state_dict()
+    groups = [{name: value for name, value in group.items() if name != "fused"} for group in content["param_groups"]]
+    return content | {"param_groups": groups}
+
+
+def restore_adam(optimiser: torch.optim.Adam, content: dict[str, Any]) -> None:
+    """Restore what `adam_state` returned; the optimiser stays fused or not, as it was."""
+    fused = [group["fused"] for group in optimiser.param_groups]
+    optimiser.load_state_dict(content)
+    for group, value in zip(optimiser.param_groups, fused, strict=True):
+        group["fused"] = value
+
+
 def _adam_state(found: Any, optimiser: torch.optim.Adam) -> dict[str, Any]:
     """The structure of an optimiser's state, with moments for those parameters that `found` has moments of."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
@@ -81,4 +96,4 @@ def _adam_state(found: Any, optimiser: torch.optim.Adam) -> dict[str, Any]:
         for k, parameter in enumerate(parameters)
         if isinstance(stored, dict) and k in stored
     }
-    return {"state": moments, "param_groups": optimiser.state_dict()["param_groups"]}
+    return {"state": moments, "param_groups": adam_state(optimiser)["param_groups"]}

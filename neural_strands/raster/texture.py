@@ -8,12 +8,16 @@ import functools
 import math
 from typing import Any
 
+import scipy.special
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 NEGLIGIBLE = 1e-6
-"""Frequencies that the blur attenuates to less than this are left out."""
+"""Frequencies that the blur attenuates to less than this are left out, and so are the outermost taps of this sum."""
+
+BAND = 32
+"""Rows of a blur matrix that are multiplied together; they share the few columns that are not zero."""
 
 
 def sample_texture(
@@ -57,8 +61,12 @@ def blur_texture(image: Float[Tensor, "height width channel"], sigma: float) -> 
     """Blur by a Gaussian of `sigma` texels, mirrored at the border; the sum of all texels is preserved."""
     height, width, _ = image.shape
     for axis, count in ((0, height), (1, width)):
-        for factor in _blur_factors(count, sigma, image.dtype, image.device):
-            image = _along(factor, image, axis)
+        factors = _blur_factors(count, sigma, image.dtype, image.device)
+        if len(factors) == 1:
+            image = _along_band(factors[0], image, axis, _reach(sigma))
+        else:
+            for factor in factors:
+                image = _along(factor, image, axis)
     return image
 
 
@@ -95,6 +103,27 @@ def _blur_factors(count: int, sigma: float, dtype: torch.dtype, device: torch.de
     weighted = cosines.T * gain
     factors = (weighted @ cosines,) if 2 * kept >= count else (cosines, weighted)
     return tuple(factor.to(dtype) for factor in factors)
+
+
+def _reach(sigma: float) -> int:
+    """Number of texels on each side beyond which the discrete Gaussian has less than `NEGLIGIBLE` of its sum."""
+    reach, outside = 0, 1.0 - scipy.special.ive(0, sigma**2)
+    while outside > NEGLIGIBLE:
+        reach += 1
+        outside -= 2.0 * scipy.special.ive(reach, sigma**2)
+    return reach
+
+
+def _along_band(
+    matrix: Float[Tensor, "out in"], image: Float[Tensor, "h w channel"], axis: int, reach: int
+) -> Float[Tensor, "..."]:
+    """Multiply by a square matrix that is negligible farther than `reach` from its diagonal."""
+    parts = []
+    for first in range(0, len(matrix), BAND):
+        last = min(first + BAND, len(matrix))
+        low, high = max(first - reach, 0), min(last + reach, len(matrix))
+        parts.append(_along(matrix[first:last, low:high], image.narrow(axis, low, high - low), axis))
+    return torch.cat(parts, dim=axis)
 
 
 def _along(matrix: Float[Tensor, "out in"], image: Float[Tensor, "h w channel"], axis: int) -> Float[Tensor, "..."]:

@@ -13,7 +13,7 @@ from damage import EDIT, damage, fuzz, read_or_refuse
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neural_strands.foundation.tensor_files import difference, read_tensors
+from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam
 
 
 def saved(content: object, **options: bool) -> bytes:
@@ -70,10 +70,19 @@ def adam(steps: int) -> tuple[torch.optim.Adam, list[torch.nn.Parameter]]:
 
 def test_equal_structures_do_not_differ():
     trained, fresh = adam(2)[0], adam(0)[0]
-    content = {"step": 3, "model": {"a": torch.ones(2)}, "optimiser": trained.state_dict()}
+    content = {"step": 3, "model": {"a": torch.ones(2)}, "optimiser": adam_state(trained)}
     expected = {"step": 0, "model": {"a": torch.zeros(2)}, "optimiser": fresh}
     assert difference(content, expected, "checkpoint") is None
-    assert difference(content | {"optimiser": fresh.state_dict()}, expected, "checkpoint") is None
+    assert difference(content | {"optimiser": adam_state(fresh)}, expected, "checkpoint") is None
+
+
+def test_an_optimiser_stays_fused_or_not_when_it_is_restored():
+    trained, content = adam(2)[0], adam_state(adam(3)[0])
+    for group in trained.param_groups:
+        group["fused"] = True
+    restore_adam(trained, content)
+    assert [group["fused"] for group in trained.param_groups] == [True]
+    assert float(trained.state_dict()["state"][0]["step"]) == 3.0
 
 
 def within(content: Any, *keys: Any, value: Any) -> None:
@@ -104,7 +113,7 @@ CHANGES: dict[str, tuple[Callable[[dict], object], str]] = {
 @pytest.mark.parametrize("name", sorted(CHANGES))
 def test_differences_are_named(name):
     change, message = CHANGES[name]
-    content = {"step": 3, "model": {"a": torch.ones(2)}, "optimiser": adam(1)[0].state_dict()}
+    content = {"step": 3, "model": {"a": torch.ones(2)}, "optimiser": adam_state(adam(1)[0])}
     change(content)
     expected = {"step": 0, "model": {"a": torch.ones(2)}, "optimiser": adam(0)[0]}
     found = difference(content, expected, "checkpoint")
