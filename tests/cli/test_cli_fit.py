@@ -112,6 +112,15 @@ def test_a_fit_is_shown_on_a_page_only_if_asked(tiny, monkeypatch):
     assert shown == [(tiny / "run", False), (tiny / "run", True)]
 
 
+def with_another_pixel(content: bytes) -> bytes:
+    """A PNG of the same size with one pixel changed; what follows its last chunk is ignored."""
+    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels[0, 0] ^= 1
+    changed = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+    assert len(changed) <= len(content)
+    return changed.ljust(len(content), b"\0")
+
+
 def test_a_second_fit_into_the_same_folder_is_refused_and_nothing_is_lost(tiny, capsys):
     assert main(fit_arguments(tiny)) == 0
     before = (tiny / "run" / "groom.npz").read_bytes()
@@ -133,9 +142,10 @@ def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
     changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
     for path in changed:
         kept = path.read_bytes()
-        # The files keep their sizes: one bit of the picture's checksum changes, and one digit of a vertex.
-        place = -1 if path.suffix == ".png" else kept.index(b".", kept.index(b"\nv ")) + 3
-        path.write_bytes(kept[:place] + bytes([kept[place] ^ 1]) + kept[place:][1:])
+        # The files keep their sizes: one pixel of a picture changes, and one digit of a vertex.
+        place = kept.index(b".", kept.index(b"\nv ")) + 3 if path.suffix == ".obj" else 0
+        digit = kept[:place] + bytes([kept[place] ^ 1]) + kept[place + 1 :]
+        path.write_bytes(digit if path.suffix == ".obj" else with_another_pixel(kept))
         assert main(fit_arguments(tiny, "--resume")) == 2, path
         assert "has changed since this run began" in capsys.readouterr().err
         path.write_bytes(kept)
