@@ -141,6 +141,8 @@ def prepare_run(
         InputError: the capture, the head or the segments cannot be fitted, or the folder contains another run.
     """
     folder = RunFolder(request.out)
+    if request.out.resolve() == request.capture.resolve():
+        raise InputError(f"{request.out}: expected another folder than the capture's, found the same; name a new one.")
     large = () if device.type == "cpu" else (CACHE_BYTES_FOR_A_GPU,)
     capture = Capture.load(request.capture, *large)
     head = find_head(capture, request.head)

@@ -112,6 +112,13 @@ def test_a_fit_is_shown_on_a_page_only_if_asked(tiny, monkeypatch):
     assert shown == [(tiny / "run", False), (tiny / "run", True)]
 
 
+def test_a_run_among_the_photographs_is_refused(tiny, capsys):
+    before = sorted(path.name for path in (tiny / "ball").iterdir())
+    assert main(["fit", str(tiny / "ball"), str(tiny / "other" / ".." / "ball")]) == 2
+    assert "expected another folder than the capture's, found the same" in capsys.readouterr().err
+    assert sorted(path.name for path in (tiny / "ball").iterdir()) == before
+
+
 def with_another_pixel(content: bytes) -> bytes:
     """A PNG of the same size with one pixel changed; what follows its last chunk is ignored."""
     pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)

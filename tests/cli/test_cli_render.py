@@ -113,6 +113,7 @@ def test_a_video_has_every_frame(saved, tmp_path):
         (["--out", "x.mp4", "--turntable", "1", "--alpha"], "no alpha channel"),
         (["--out", "x", "--turntable", "1", "--size", "0", "5"], "--size"),
         (["--out", "x", "--turntable", "1", "--points", "1"], "--points"),
+        (["--out", "x", "--turntable", "1", "--points", "1000000000"], "--points: expected 2 to 10000 points"),
         (["--out", "x", "--camera", "nowhere.json"], "found no file"),
     ],
 )

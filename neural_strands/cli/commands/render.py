@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 VIDEO_SUFFIXES = (".mp4",)
 """Suffixes of --out that mean a video."""
+MOST_POINTS = 10_000
+"""Largest number of points per strand, as in `export`."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,8 @@ class Render:
             raise InputError(f"--turntable: expected at least one camera, found {self.turntable}.")
         if self.size is not None and not all(1 <= side <= 16384 for side in self.size):
             raise InputError(f"--size: expected width and height from 1 to 16384 pixels, found {self.size}.")
-        if self.points is not None and self.points < 2:
-            raise InputError(f"--points: expected at least 2 points per strand, found {self.points}.")
+        if self.points is not None and not 2 <= self.points <= MOST_POINTS:
+            raise InputError(f"--points: expected 2 to {MOST_POINTS} points per strand, found {self.points}.")
         if self.alpha and self.out.suffix.lower() in VIDEO_SUFFIXES:
             raise InputError(
                 f"{self.out}: a video has no alpha channel; name a folder for --out, or leave out --alpha."
