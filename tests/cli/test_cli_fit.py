@@ -119,10 +119,10 @@ def test_a_run_among_the_photographs_is_refused(tiny, capsys):
     assert sorted(path.name for path in (tiny / "ball").iterdir()) == before
 
 
-def with_another_pixel(content: bytes) -> bytes:
-    """A PNG of the same size with one pixel changed; what follows its last chunk is ignored."""
-    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    pixels[0, 0] ^= 1
+def with_another_row(content: bytes) -> bytes:
+    """A PNG of the same size with its first row changed; what follows its last chunk is ignored."""
+    pixels = np.asarray(cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED), np.uint8)
+    pixels = np.where(np.arange(len(pixels)).reshape(-1, *[1] * (pixels.ndim - 1)) == 0, pixels ^ 1, pixels)
     changed = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
     assert len(changed) <= len(content)
     return changed.ljust(len(content), b"\0")
@@ -149,10 +149,10 @@ def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
     changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
     for path in changed:
         kept = path.read_bytes()
-        # The files keep their sizes: one pixel of a picture changes, and one digit of a vertex.
+        # The files keep their sizes: one row of a picture changes, and one digit of a vertex.
         place = kept.index(b".", kept.index(b"\nv ")) + 3 if path.suffix == ".obj" else 0
         digit = kept[:place] + bytes([kept[place] ^ 1]) + kept[place + 1 :]
-        path.write_bytes(digit if path.suffix == ".obj" else with_another_pixel(kept))
+        path.write_bytes(digit if path.suffix == ".obj" else with_another_row(kept))
         assert main(fit_arguments(tiny, "--resume")) == 2, path
         assert "has changed since this run began" in capsys.readouterr().err
         path.write_bytes(kept)
