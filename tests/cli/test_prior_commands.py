@@ -163,3 +163,22 @@ def test_bad_input_is_one_sentence(words: list[str], message: str, capsys: pytes
     printed = capsys.readouterr().err
     assert message in printed
     assert len(printed.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["prior-traverse", "OUT", "--latents", "-1"], "--latents"),
+        (["prior-traverse", "OUT", "--seed", "-1"], "--seed"),
+        (["prior-report", "groom.npz", "--curves", "-1"], "--curves"),
+        (["prior-report", "groom.npz", "--optimise-steps", "-1"], "--optimise-steps"),
+        (["synthesize", "OUT", "--seed", "-1"], "--seed"),
+        (["synthesize", "OUT", "--samples", "0"], "--samples"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else value,
+)
+def test_impossible_numbers_are_one_sentence(words, option, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert capsys.readouterr().err.startswith(f"neural-strands: {option}: expected a whole number from ")
+    assert list(tmp_path.iterdir()) == []

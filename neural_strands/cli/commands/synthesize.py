@@ -9,6 +9,7 @@ import tyro
 
 from neural_strands.cli.device import seeded
 from neural_strands.cli.streams import print_json
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,9 +49,9 @@ class Synthesize:
     """Lowest camera (degrees above the horizontal)."""
     elevation_max: float = 75.0
     """Highest camera (degrees above the horizontal)."""
-    samples: int = 16
+    samples: Annotated[int, Between(1, 65_536)] = 16
     """Light paths per pixel; noise falls with the square root of their number."""
-    seed: int = 0
+    seed: Annotated[int, Between(0, 2**32 - 1)] = 0
     """Seed of all random numbers."""
     overwrite: bool = False
     """Replace a capture in OUT that was made with other settings."""

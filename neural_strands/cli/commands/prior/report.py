@@ -9,6 +9,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device, seeded
 from neural_strands.cli.streams import print_json
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,13 +40,13 @@ class PriorReport:
     """Weights of the prior; those shipped with the package by default."""
     picture: Path | None = None
     """File for a picture of the worst, median and best strands (.png)."""
-    optimise_steps: int = 0
+    optimise_steps: Annotated[int, Between(0, 1_000_000)] = 0
     """Steps for which latents are also optimised; 0 for none."""
     optimise_strands: int = 2000
     """Number of strands, spread over the groom, whose latents are optimised."""
-    curves: int = 20000
+    curves: Annotated[int, Between(1, 10_000_000)] = 20000
     """Number of training curves that the PCA is fitted to."""
-    seed: int = 0
+    seed: Annotated[int, Between(0, 2**32 - 1)] = 0
     """Seed of the training curves."""
     device: DeviceName = "auto"
     """Where to compute."""

@@ -9,6 +9,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device, seeded
 from neural_strands.cli.streams import print_json
+from neural_strands.foundation.configs import Between
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,11 +34,11 @@ class PriorTraverse:
     """Folder for pictures and numbers."""
     weights: Path | None = None
     """Weights of the prior; those shipped with the package by default."""
-    latents: int = 9
+    latents: Annotated[int, Between(0, 1_000)] = 9
     """Number of latents to draw, those with the largest effect first."""
-    samples: int = 4000
+    samples: Annotated[int, Between(100, 1_000_000)] = 4000
     """Number of samples of N(0, I) over which effects and correlations are measured."""
-    seed: int = 0
+    seed: Annotated[int, Between(0, 2**32 - 1)] = 0
     """Seed of the samples and curves."""
     device: DeviceName = "auto"
     """Where to compute."""
