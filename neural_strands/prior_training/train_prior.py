@@ -23,7 +23,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, check_writable, tensor_bytes
 from neural_strands.foundation.interrupts import whole_steps
 from neural_strands.foundation.progress import progress_bar
-from neural_strands.foundation.tensor_files import difference, read_tensors
+from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam
 from neural_strands.prior.analysis import analyse
 from neural_strands.prior.curves import CurveConfig, synthetic_curves
 from neural_strands.prior.vae import StrandPrior, save_prior
@@ -50,7 +50,7 @@ class _Run:
     """Everything that a checkpoint stores."""
 
     prior: StrandPrior
-    optimiser: torch.optim.Optimizer
+    optimiser: torch.optim.Adam
     stage: int = 0
     step: int = 0
 
@@ -224,7 +224,7 @@ def learning_rate(step: int, steps: int, warm: int = 100) -> float:
     return rise * 0.5 * (1 + float(torch.cos(torch.tensor(torch.pi * step / max(steps, 1)))))
 
 
-def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torch.optim.Optimizer:
+def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torch.optim.Adam:
     """The parameters that a stage trains: the sines; then modulator and CNN; or all together (the paper).
 
     In the last stage the sines and the linear map stay fixed only because of the closed-form analysis.
@@ -266,7 +266,7 @@ def _content(run: _Run, described: str) -> dict[str, Any]:
         "stage": run.stage,
         "step": run.step,
         "prior": run.prior.state_dict(),
-        "optimiser": run.optimiser.state_dict(),
+        "optimiser": adam_state(run.optimiser),
     }
 
 
@@ -290,7 +290,7 @@ def _load_checkpoint(path: Path, run: _Run, config: TrainPriorConfig, described:
         )
     run.stage, run.step, run.optimiser = state["stage"], state["step"], optimiser
     run.prior.load_state_dict(state["prior"])
-    run.optimiser.load_state_dict(state["optimiser"])
+    restore_adam(run.optimiser, state["optimiser"])
 
 
 def _log(out: Path, run: _Run, values: dict[str, float]) -> None:
