@@ -64,6 +64,7 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
     strands = model.decode(config.step_points, index=index).points.detach()
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     others = state.remembered[config.strands_per_step :].reshape(-1, 3)
+    everything = torch.cat([points, others])
     seen = seen_points(model, state.remembered, data.views.cameras)[index].reshape(-1)
     target, _ = random_region(
         data, 0, config.crop, model.config.unet.stride, config.trimap, step_generator(config, 0, 1)
@@ -81,7 +82,9 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
 
     parts = {
         "decode some strands, forward and backward": decode_backward,
-        "surface loss": lambda: surface_loss(points, along, seen, data.targets, config.chamfer),
+        "surface loss": lambda: surface_loss(
+            points, along, seen, everything, config.step_points, data.targets, config.chamfer
+        ),
         "which points views see": lambda: seen_points(model, state.remembered, data.views.cameras),
         "coverage loss": lambda: coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
         "head penalty": lambda: head_penalty(strands, data.distance, config.clearance),

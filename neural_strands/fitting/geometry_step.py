@@ -64,8 +64,11 @@ def shape_losses(
     rest = torch.ones(len(remembered), dtype=torch.bool, device=index.device)
     rest[index] = False
     others = remembered[rest].reshape(-1, 3)
+    everything = torch.cat([points.detach(), others])
     return ShapeLosses(
-        surface_loss(points, along, seen[index].reshape(-1), data.targets, config.chamfer),
+        surface_loss(
+            points, along, seen[index].reshape(-1), everything, strands.shape[1], data.targets, config.chamfer
+        ),
         coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
         head_penalty(strands, data.distance, config.clearance),
         holding_loss(strands, first[index], config.chamfer.unit),

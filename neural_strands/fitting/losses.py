@@ -31,6 +31,8 @@ class ChamferConfig:
     surface_radius: Annotated[float, Between(1e-5, 10)] = 0.0015
     """Generated points farther than this from every segment, metres, count as hidden and are not pulled to the
     surface."""
+    occupied: Annotated[float, Between(0, 10)] = 0.00075
+    """A segment pulls no strand if another one is nearer than this, metres: it shows a single hair."""
     unit: Annotated[float, Between(1e-5, 10)] = 0.002
     """The distance that costs as much as a direction error of 90 degrees, metres."""
     signed: bool = False
@@ -56,24 +58,32 @@ def surface_loss(
     points: Float[Tensor, "x 3"],
     directions: Float[Tensor, "x 3"],
     seen: Bool[Tensor, " x"],
+    everything: Float[Tensor, "all 3"],
+    per_strand: int,
     targets: OrientedTargets,
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
     """Generated points against their nearest segment point (paper, L_geo, first sum), as a mean.
 
     Only points that are visible in some view and lie near a segment count. Hidden hair has no segments; pulling it to
-    those above it would leave a gap.
+    those above it would leave a gap. For the same reason a segment that one strand follows pulls no other.
 
     Args:
-        points: generated points.
+        points: generated points, strand after strand.
         directions: their unit directions.
         seen: whether they are visible in some view.
+        everything: the points of all strands, these first.
+        per_strand: points of each strand.
         targets: the line segments.
         config: radii and unit.
     """
     distance, index = nearest(points.detach(), targets.grid, config.surface_radius)
     near = torch.nonzero(torch.isfinite(distance) & seen).squeeze(1)
     index = index[near]
+    if config.occupied > 0:
+        _, first = nearest(targets.points[index], everything, config.occupied)
+        free = (first < 0) | (first // per_strand == near // per_strand)
+        near, index = near[free], index[free]
     return _mean_misfit(points[near], directions[near], targets.points[index], targets.directions[index], config)
 
 

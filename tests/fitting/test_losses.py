@@ -1,6 +1,7 @@
 """Losses against naive twins and closed forms."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -48,9 +49,30 @@ def test_surface_loss_is_the_naive_loop(generator):
     for signed in (False, True):
         config = ChamferConfig(surface_radius=0.008, unit=0.003, signed=signed)
         for seen in (torch.ones(60, dtype=torch.bool), torch.arange(60) % 3 == 0):
-            ours = surface_loss(x, dx, seen, targets_of(y, dy), config)
+            ours = surface_loss(x, dx, seen, x, 1, targets_of(y, dy), replace(config, occupied=0.0))
             expected = naive(x[seen], dx[seen], y, dy, 0.008, 0.003, signed)
             torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
+
+
+def test_a_segment_that_a_strand_follows_pulls_no_other(generator):
+    everything, along = oriented(90, generator)
+    x, dx, per_strand = everything[:60], along[:60], 5
+    y, dy = oriented(80, generator)
+    config = ChamferConfig(surface_radius=0.02, unit=0.003, occupied=0.006)
+    total, pairs, dropped = 0.0, 0, 0
+    for k, (point, direction) in enumerate(zip(x, dx, strict=True)):
+        distance = (y - point).norm(dim=-1)
+        best = int(distance.argmin())
+        follower = (everything - y[best]).norm(dim=-1)
+        taken = float(follower.min()) <= 0.006 and int(follower.argmin()) // per_strand != k // per_strand
+        dropped += taken
+        if distance[best] <= 0.02 and not taken:
+            total += float(distance[best]) / 0.003 + 1 - abs(float(direction @ dy[best]))
+            pairs += 1
+    ours = surface_loss(x, dx, torch.ones(60, dtype=torch.bool), everything, per_strand, targets_of(y, dy), config)
+    assert dropped > 5
+    assert pairs > 5
+    torch.testing.assert_close(float(ours), total / pairs, atol=1e-4, rtol=1e-4)
 
 
 def test_coverage_loss_is_the_naive_loop_the_other_way(generator):
@@ -81,7 +103,7 @@ def test_gradients_pull_points_together_and_turn_directions():
     x = torch.tensor([[0.0, 0.0, 0.0]], requires_grad=True)
     dx = torch.tensor([[0.6, 0.8, 0.0]], requires_grad=True)
     target = targets_of(torch.tensor([[0.001, 0.0, 0.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
-    surface_loss(x, dx, torch.tensor([True]), target, ChamferConfig()).backward()
+    surface_loss(x, dx, torch.tensor([True]), x, 1, target, ChamferConfig()).backward()
     assert float(x.grad[0, 0]) < 0  # descending moves the point towards +x
     torch.testing.assert_close(dx.grad, torch.tensor([[0.0, -1.0, 0.0]]))
 
