@@ -12,7 +12,7 @@ from torch import Tensor
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.files import atomic_folder
-from neural_strands.foundation.json_files import check_format, read_json
+from neural_strands.foundation.json_files import JsonValue, check_format, read_json
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
@@ -81,13 +81,21 @@ def load_hair_model(folder: Path, device: torch.device | str = "cpu") -> HairMod
     described = read_json(folder / CONFIG_NAME, "the description of a hair model", ADVICE)
     check_format(described, FORMAT)
     config = config_from_json(HairModelConfig, described.member("model"))
-    generator_config = config_from_json(GeneratorConfig, described.member("generator"))
+    generator = _generator(described.member("generator"))
     try:
         tensors = load_file(folder / WEIGHTS_NAME)
     except (SafetensorError, OSError, ValueError) as error:
         raise _broken(folder / WEIGHTS_NAME, f"something else ({reason(error)})") from error
     _check_tensors(folder / WEIGHTS_NAME, tensors, config)
-    return _model(folder, CONFIG_NAME, tensors, config, StrandGenerator(generator_config)).to(device)
+    return _model(folder, CONFIG_NAME, tensors, config, generator).to(device)
+
+
+def _generator(written: JsonValue) -> StrandGenerator:
+    config = config_from_json(GeneratorConfig, written)
+    try:
+        return StrandGenerator(config)
+    except ValueError as error:
+        raise written.refuse(f"sizes of a strand generator ({error})") from error
 
 
 def hair_model_from_tensors(

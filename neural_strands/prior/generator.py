@@ -37,10 +37,6 @@ class GeneratorConfig:
     synthesiser: SynthesiserConfig = field(default_factory=SynthesiserConfig)
     """The sine layers."""
 
-    def __post_init__(self) -> None:
-        if self.modulator == "coupling" and self.latent % 2:
-            raise ValueError(f"coupling layers need an even latent, found {self.latent}")
-
 
 @dataclass(frozen=True)
 class Raw:
