@@ -25,6 +25,7 @@ from neural_strands.fitting.losses import coverage_loss, head_penalty, surface_l
 from neural_strands.fitting.seen_points import seen_points
 from neural_strands.foundation.memory import keep_freed_memory
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.strands import Strands, directions
 from neural_strands.prior.vae import load_prior
 from neural_strands.scalp.mannequin import mannequin
@@ -64,7 +65,11 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
     strands = model.decode(config.step_points, index=index).points.detach()
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     others = state.remembered[config.strands_per_step :].reshape(-1, 3)
-    everything = torch.cat([points, others])
+
+    def index_points() -> PointGrid:
+        return PointGrid.build(torch.cat([points, others]), config.chamfer.radius)
+
+    everything = index_points()
     seen = seen_points(model, state.remembered, data.views.cameras)[index].reshape(-1)
     target, _ = random_region(
         data, 0, config.crop, model.config.unet.stride, config.trimap, step_generator(config, 0, 1)
@@ -82,11 +87,12 @@ def measure(data: FitData, config: FitConfig, device: torch.device) -> list[tupl
 
     parts = {
         "decode some strands, forward and backward": decode_backward,
+        "index the points of all strands": index_points,
         "surface loss": lambda: surface_loss(
             points, along, seen, everything, config.step_points, data.targets, config.chamfer
         ),
         "which points views see": lambda: seen_points(model, state.remembered, data.views.cameras),
-        "coverage loss": lambda: coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
+        "coverage loss": lambda: coverage_loss(points, along, everything, data.targets, chosen, config.chamfer),
         "head penalty": lambda: head_penalty(strands, data.distance, config.clearance),
         "decode all strands": model.decode,
         "read a region and its trimap": lambda: random_region(

@@ -9,6 +9,7 @@ from torch import Tensor
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.losses import coverage_loss, head_penalty, holding_loss, surface_loss
+from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.strands import directions
 
 
@@ -63,13 +64,12 @@ def shape_losses(
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     rest = torch.ones(len(remembered), dtype=torch.bool, device=index.device)
     rest[index] = False
-    others = remembered[rest].reshape(-1, 3)
-    everything = torch.cat([points.detach(), others])
+    everything = PointGrid.build(torch.cat([points.detach(), remembered[rest].reshape(-1, 3)]), config.chamfer.radius)
     return ShapeLosses(
         surface_loss(
             points, along, seen[index].reshape(-1), everything, strands.shape[1], data.targets, config.chamfer
         ),
-        coverage_loss(points, along, others, data.targets, chosen, config.chamfer),
+        coverage_loss(points, along, everything, data.targets, chosen, config.chamfer),
         head_penalty(strands, data.distance, config.clearance),
         holding_loss(strands, first[index], config.chamfer.unit),
     )

@@ -31,7 +31,7 @@ class ChamferConfig:
     surface_radius: Annotated[float, Between(1e-5, 10)] = 0.0015
     """Generated points farther than this from every segment, metres, count as hidden and are not pulled to the
     surface."""
-    occupied: Annotated[float, Between(0, 10)] = 0.00075
+    occupied: Annotated[float, Between(1e-5, 10)] = 0.00075
     """A segment pulls no strand if another one is nearer than this, metres: it shows a single hair."""
     unit: Annotated[float, Between(1e-5, 10)] = 0.002
     """The distance that costs as much as a direction error of 90 degrees, metres."""
@@ -58,7 +58,7 @@ def surface_loss(
     points: Float[Tensor, "x 3"],
     directions: Float[Tensor, "x 3"],
     seen: Bool[Tensor, " x"],
-    everything: Float[Tensor, "all 3"],
+    everything: PointGrid,
     per_strand: int,
     targets: OrientedTargets,
     config: ChamferConfig,
@@ -72,7 +72,7 @@ def surface_loss(
         points: generated points, strand after strand.
         directions: their unit directions.
         seen: whether they are visible in some view.
-        everything: the points of all strands, these first.
+        everything: the points of all strands, these first, indexed for searches.
         per_strand: points of each strand.
         targets: the line segments.
         config: radii and unit.
@@ -80,17 +80,16 @@ def surface_loss(
     distance, index = nearest(points.detach(), targets.grid, config.surface_radius)
     near = torch.nonzero(torch.isfinite(distance) & seen).squeeze(1)
     index = index[near]
-    if config.occupied > 0:
-        _, first = nearest(targets.points[index], everything, config.occupied)
-        free = (first < 0) | (first // per_strand == near // per_strand)
-        near, index = near[free], index[free]
+    _, first = nearest(targets.points[index], everything, config.occupied)
+    free = (first < 0) | (first // per_strand == near // per_strand)
+    near, index = near[free], index[free]
     return _mean_misfit(points[near], directions[near], targets.points[index], targets.directions[index], config)
 
 
 def coverage_loss(
     points: Float[Tensor, "x 3"],
     directions: Float[Tensor, "x 3"],
-    others: Float[Tensor, "other 3"],
+    everything: PointGrid,
     targets: OrientedTargets,
     chosen: Int64[Tensor, " target"],
     config: ChamferConfig,
@@ -100,12 +99,12 @@ def coverage_loss(
     Args:
         points: generated points that carry a gradient.
         directions: their unit directions.
-        others: generated points without gradient; targets nearest to one of them are skipped in this step.
+        everything: the points of all strands, these first, indexed for searches. Targets nearest to another point are
+            skipped in this step.
         targets: the line segments.
         chosen: indices of the targets used in this step.
         config: radii and unit.
     """
-    everything = torch.cat([points.detach(), others])
     distance, index = nearest(targets.points[chosen], everything, config.radius)
     kept = torch.nonzero(torch.isfinite(distance) & (index < len(points))).squeeze(1)
     index, chosen = index[kept], chosen[kept]

@@ -1,7 +1,6 @@
 """Losses against naive twins and closed forms."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -31,6 +30,10 @@ def targets_of(points, directions):
     return OrientedTargets(points, directions, PointGrid.build(points, 0.005))
 
 
+def indexed(points):
+    return PointGrid.build(points.detach(), 0.02)
+
+
 def naive(x, dx, y, dy, radius, unit, signed):
     total, pairs = 0.0, 0
     for point, direction in zip(x, dx, strict=True):
@@ -49,7 +52,7 @@ def test_surface_loss_is_the_naive_loop(generator):
     for signed in (False, True):
         config = ChamferConfig(surface_radius=0.008, unit=0.003, signed=signed)
         for seen in (torch.ones(60, dtype=torch.bool), torch.arange(60) % 3 == 0):
-            ours = surface_loss(x, dx, seen, x, 1, targets_of(y, dy), replace(config, occupied=0.0))
+            ours = surface_loss(x, dx, seen, indexed(x), len(x), targets_of(y, dy), config)
             expected = naive(x[seen], dx[seen], y, dy, 0.008, 0.003, signed)
             torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
 
@@ -69,7 +72,9 @@ def test_a_segment_that_a_strand_follows_pulls_no_other(generator):
         if distance[best] <= 0.02 and not taken:
             total += float(distance[best]) / 0.003 + 1 - abs(float(direction @ dy[best]))
             pairs += 1
-    ours = surface_loss(x, dx, torch.ones(60, dtype=torch.bool), everything, per_strand, targets_of(y, dy), config)
+    ours = surface_loss(
+        x, dx, torch.ones(60, dtype=torch.bool), indexed(everything), per_strand, targets_of(y, dy), config
+    )
     assert dropped > 5
     assert pairs > 5
     torch.testing.assert_close(float(ours), total / pairs, atol=1e-4, rtol=1e-4)
@@ -80,7 +85,7 @@ def test_coverage_loss_is_the_naive_loop_the_other_way(generator):
     y, dy = oriented(80, generator)
     config = ChamferConfig(radius=0.02, unit=0.003)
     chosen = torch.arange(0, 80, 2)
-    ours = coverage_loss(x, dx, torch.zeros(0, 3), targets_of(y, dy), chosen, config)
+    ours = coverage_loss(x, dx, indexed(x), targets_of(y, dy), chosen, config)
     expected = naive(y[chosen], dy[chosen], x, dx, 0.02, 0.003, False)
     torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
 
@@ -90,8 +95,9 @@ def test_a_target_that_another_strand_covers_better_asks_nothing():
     along = torch.tensor([[0.0, 1.0, 0.0]])
     target = targets_of(torch.tensor([[0.003, 0.0, 0.0]]), along)
     chosen = torch.tensor([0])
-    alone = coverage_loss(x, along, torch.zeros(0, 3), target, chosen, ChamferConfig())
-    with_other = coverage_loss(x, along, torch.tensor([[0.002, 0.0, 0.0]]), target, chosen, ChamferConfig())
+    other = torch.tensor([[0.002, 0.0, 0.0]])
+    alone = coverage_loss(x, along, indexed(x), target, chosen, ChamferConfig())
+    with_other = coverage_loss(x, along, indexed(torch.cat([x, other])), target, chosen, ChamferConfig())
     assert float(alone.detach()) > 1.0
     assert float(with_other.detach()) == 0.0
     with_other.backward()
@@ -103,7 +109,7 @@ def test_gradients_pull_points_together_and_turn_directions():
     x = torch.tensor([[0.0, 0.0, 0.0]], requires_grad=True)
     dx = torch.tensor([[0.6, 0.8, 0.0]], requires_grad=True)
     target = targets_of(torch.tensor([[0.001, 0.0, 0.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
-    surface_loss(x, dx, torch.tensor([True]), x, 1, target, ChamferConfig()).backward()
+    surface_loss(x, dx, torch.tensor([True]), indexed(x), 1, target, ChamferConfig()).backward()
     assert float(x.grad[0, 0]) < 0  # descending moves the point towards +x
     torch.testing.assert_close(dx.grad, torch.tensor([[0.0, -1.0, 0.0]]))
 
