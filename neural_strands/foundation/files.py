@@ -27,13 +27,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
+    temporary = _beside(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed.") from error
+        raise _unwritable(path, error) from error
     finally:
         # If the folder could not be created, there is nothing to remove.
         with suppress(OSError):
@@ -46,13 +46,21 @@ def check_writable(path: Path) -> None:
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    probe = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
+    probe = _beside(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed.") from error
+        raise _unwritable(path, error) from error
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
+
+
+def _unwritable(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: cannot be written ({reason(error)}); nothing was changed.")
 
 
 def write_json(path: Path, document: Any) -> None:
@@ -90,7 +98,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
             path.replace(retired)
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed.") from error
+        raise _unwritable(path, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         shutil.rmtree(retired, ignore_errors=True)
@@ -121,8 +129,8 @@ def sole_writer(folder: Path, patience: float = 0.0) -> Iterator[None]:
             f"{folder}: expected a folder that no other process writes to, found one that does; wait until it has "
             "ended, or name another folder."
         ) from error
-    except (OSError, NotImplementedError) as error:
-        raise InputError(f"{folder}: cannot be written ({reason(error)}); nothing was changed.") from error
+    except (OSError, NotImplementedError) as error:  # filelock's answer to a file system that cannot lock files
+        raise _unwritable(folder, error) from error
     try:
         remove_leftovers(folder)
         yield
