@@ -111,6 +111,8 @@ def test_a_video_has_every_frame(saved, tmp_path):
         (["--out", "x"], "either --camera or --turntable"),
         (["--out", "x", "--turntable", "0"], "at least one camera"),
         (["--out", "x.mp4", "--turntable", "1", "--alpha"], "no alpha channel"),
+        (["--out", "x.avi", "--turntable", "1"], "ends in .avi"),
+        (["--out", "x.png", "--turntable", "1"], "a file that ends in .mp4"),
         (["--out", "x", "--turntable", "1", "--size", "0", "5"], "--size"),
         (["--out", "x", "--turntable", "1", "--points", "1"], "--points"),
         (["--out", "x", "--turntable", "1", "--points", "1000000000"], "--points: expected 2 to 10000 points"),

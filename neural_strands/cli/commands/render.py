@@ -1,6 +1,7 @@
 """`neural-strands render`: images or a video of a fitted model."""
 
 import itertools
+import mimetypes
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -101,6 +102,12 @@ class Render:
             raise InputError(f"--size: expected width and height from 1 to 16384 pixels, found {self.size}.")
         if self.points is not None and not 2 <= self.points <= MOST_POINTS:
             raise InputError(f"--points: expected 2 to {MOST_POINTS} points per strand, found {self.points}.")
+        kind, _ = mimetypes.guess_type(self.out.name)
+        if kind is not None and kind.startswith(("video/", "image/")) and self.out.suffix.lower() not in VIDEO_SUFFIXES:
+            raise InputError(
+                f"{self.out}: expected a folder or a file that ends in .mp4, found one that ends in "
+                f"{self.out.suffix}; name one of those."
+            )
         if self.alpha and self.out.suffix.lower() in VIDEO_SUFFIXES:
             raise InputError(
                 f"{self.out}: a video has no alpha channel; name a folder for --out, or leave out --alpha."
