@@ -21,13 +21,13 @@ from torch import Tensor
 from neural_strands.foundation import kernels
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
+from neural_strands.raster import occlusion
 from neural_strands.raster.kernels import keys as key_kernels
 from neural_strands.raster.kernels import line_batches as line_batch_kernel
 from neural_strands.raster.kernels import lines as line_kernels
 
 SEGMENTS_PER_THREAD = 4
-"""Consecutive segments that one CUDA thread draws. On the CPU one item is a whole strand, and strands without width
-have a kernel of their own."""
+"""Consecutive segments that one CUDA thread draws. The CPU has kernels of its own (`line_batches`, `occlusion`)."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,10 @@ def rasterise_lines(
     parameters = torch.zeros(0, device=device) if t is None else t.detach().float().reshape(-1)
     taper = [config.width, config.tip, kernels.array(parameters)]
     planes = kernels.zeros((_planes(strands, device), height * width), torch.int64, device)
-    batched = device.type == "cpu" and config.width <= 0
-    drawing = line_batch_kernel.draw_strands if batched else line_kernels.draw_lines
-    for kernel in (key_kernels.start_keys, drawing):
+    drawing = (line_kernels.draw_lines,)
+    if device.type == "cpu":
+        drawing = occlusion.KERNELS if config.width > 0 else (line_batch_kernel.draw_strands,)
+    for kernel in (key_kernels.start_keys, *drawing):
         kernels.load(kernel, device)
     if planes.numel():
         kernels.run_together(
@@ -138,12 +139,14 @@ def _draw(
     keys, size = kernels.array(planes[share]), [width, pixels // width]
     kernels.launch(key_kernels.start_keys, pixels, [*hidden_by, keys], device)
     first, last = (strands * end // len(planes) for end in (share, share + 1))
-    if device.type == "cpu" and taper[0] <= 0:
+    if device.type == "cpu" and taper[0] > 0:
+        occlusion.draw_unhidden(first, last - first, shared, taper, size, keys)
+        return
+    if device.type == "cpu":
         kernels.launch(line_batch_kernel.draw_strands, last - first, [first, *shared, *size, keys], device)
         return
-    run = per_strand - 1 if device.type == "cpu" else SEGMENTS_PER_THREAD
-    runs = -(-(per_strand - 1) // run)
-    inputs = [first * runs, *shared[:-1], *taper, per_strand, runs, run, *size, keys]
+    runs = -(-(per_strand - 1) // SEGMENTS_PER_THREAD)
+    inputs = [first * runs, *shared[:-1], *taper, per_strand, runs, SEGMENTS_PER_THREAD, *size, keys]
     kernels.launch(line_kernels.draw_lines, (last - first) * runs, inputs, device)
 
 
