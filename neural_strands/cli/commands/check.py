@@ -29,6 +29,9 @@ class Check:
     """Holds transforms.json or a COLMAP model, and the images."""
     head: Path | None = None
     """Head mesh in the cameras' frame, metres, to check instead of the capture's own (see `fit --head`)."""
+    sheet: Path | None = None
+    """Draw all views into this PNG file, with the borders of hair mask (green), person mask (blue), head (yellow) and
+    scalp (red), to look the masks over."""
     json: bool = False
     """Print one JSON object: "worst" (good, note, warning or error) and "findings", each with topic, level, message,
     action and views."""
@@ -39,6 +42,8 @@ class Check:
         from neural_strands.capture.findings import worst
 
         findings = check_capture(self.folder, self.head)
+        if self.sheet is not None:
+            self._draw(self.sheet)
         if self.json:
             rows = [dataclasses.asdict(finding) for finding in findings]
             print_json({"worst": worst(findings), "findings": rows})
@@ -49,6 +54,16 @@ class Check:
             raise InputError(
                 f"{self.folder}: expected a capture without errors, found one with {errors}; see the rows marked ERROR."
             )
+
+    def _draw(self, sheet: Path) -> None:
+        """Write the contact sheet."""
+        from neural_strands.capture.capture import Capture
+        from neural_strands.capture.check_head import check_head
+        from neural_strands.capture.contact_sheet import write_contact_sheet
+
+        capture = Capture.load(self.folder)
+        head, scalp, _ = check_head(capture, self.head)
+        write_contact_sheet(sheet, capture, head, scalp)
 
 
 def table(findings: "list[Finding]") -> str:
