@@ -4,10 +4,10 @@ import json
 import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import torch
+from papered_room import room, wallpaper
 
 from neural_strands.capture.capture import Capture
 from neural_strands.cli.main import main
@@ -24,8 +24,6 @@ from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
 from neural_strands.synthesis.styles import MELANIN, STYLES
 
 SIDE, VIEWS, STRANDS = 256, 30, 8000
-WALL = 1.8
-"""Metres from the middle of the room to each wall."""
 
 
 def orbit() -> list[Camera]:
@@ -36,35 +34,6 @@ def orbit() -> list[Camera]:
         eye = torch.tensor([0.8 * math.sin(turn), 0.15 + 0.15 * math.sin(3 * turn), 0.8 * math.cos(turn)])
         cameras.append(Camera.look_at(eye, torch.tensor([0.0, 0.0, 0.0]), 1.6 * SIDE, (SIDE, SIDE), f"{k:02d}"))
     return cameras
-
-
-def wallpaper(random: np.random.Generator, side: int = 512) -> np.ndarray:
-    """Blots of many sizes from white to blue, sRGB bytes."""
-    paper = np.zeros((side, side, 1))
-    for cells in (8, 24, 72, 200):
-        blots = cv2.resize(random.random((cells, cells)), (side, side), interpolation=cv2.INTER_NEAREST)
-        paper += cv2.GaussianBlur(blots, (0, 0), 1.0)[..., None] / 4
-    shade = np.clip((paper - 0.5) * 2.5 + 0.5, 0, 1)
-    return np.array([90.0, 130.0, 190.0]) * (1 - shade) + np.array([235.0, 238.0, 240.0]) * shade
-
-
-def room(camera: Camera, papers: list[np.ndarray]) -> np.ndarray:
-    """What a camera sees of a room with papered walls, floor and ceiling: (height, width, 3), sRGB bytes."""
-    eye = camera.position.numpy().astype(np.float64)
-    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-    inverse = np.linalg.inv(camera.intrinsics.numpy().astype(np.float64))
-    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ inverse.T @ camera.rotation.numpy()
-    # Distance to each of the two walls across an axis; the nearest wall ahead is seen.
-    reach = (np.where(rays > 0, WALL, -WALL) - eye) / rays
-    axis = reach.argmin(axis=-1)
-    hit = eye + reach.min(axis=-1)[..., None] * rays
-    picture = np.zeros((*axis.shape, 3))
-    for wall in range(6):
-        here = (axis == wall // 2) & ((np.take_along_axis(rays, axis[..., None], -1)[..., 0] > 0) == (wall % 2 == 1))
-        across = np.delete(hit, wall // 2, axis=-1).astype(np.float32)
-        place = (across / (2 * WALL) + 0.5) * (len(papers[wall]) - 1)
-        picture[here] = cv2.remap(papers[wall], place[..., 0], place[..., 1], cv2.INTER_LINEAR)[here]
-    return picture
 
 
 @pytest.mark.slow(seconds=300)

@@ -19,6 +19,8 @@ FOCAL_RANGE = (0.01, 10_000.0)
 """Plausible focal lengths, in multiples of the image's longer side."""
 FARTHEST_CENTRE = 100.0
 """Largest distance of the principal point from the image's corner, in image sides: that of crops is far outside."""
+BAND = 256
+"""Rows that are resampled at once."""
 MOST_DISTORTION = 1000.0
 """Largest coefficient; the one of the sixth power is large for long lenses."""
 
@@ -94,13 +96,32 @@ class Lens:
         distorted_y = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
         return np.stack([fx * distorted_x + cx, fy * distorted_y + cy], axis=-1)
 
+    def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (n, 2) of the undistorted view for pixels of the photograph; the inverse of `distort`."""
+        if not self.distorts or len(pixels) == 0:
+            return pixels
+        matrix, k1, k2, p1, p2, k3 = self.matrix(), *self.coefficients
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+        points = np.ascontiguousarray(pixels, dtype=np.float64)[:, None]
+        found = cv2.undistortPoints(
+            points, matrix, np.array([k1, k2, p1, p2, k3]), P=self.undistorted_matrix(), criteria=criteria
+        )
+        return np.asarray(found).reshape(-1, 2)
+
     def undistort(self, image: np.ndarray) -> np.ndarray:
         """Resample a photograph (height, width[, channel]) to the pinhole view of `undistorted_matrix`."""
         if not self.distorts:
             return image
-        columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        source = (self.distort(self._normalised(columns, rows, self.undistorted_zoom())) - 0.5).astype(np.float32)
-        return cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        zoom, across = self.undistorted_zoom(), np.arange(self.width) + 0.5
+        bands = []
+        # The coordinates of all pixels at once would take far more memory than the picture.
+        for top in range(0, self.height, BAND):
+            columns, rows = np.meshgrid(across, np.arange(top, min(top + BAND, self.height)) + 0.5)
+            source = (self.distort(self._normalised(columns, rows, zoom)) - 0.5).astype(np.float32)
+            bands.append(
+                cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            )
+        return np.concatenate(bands)
 
     def _normalised(self, columns: np.ndarray, rows: np.ndarray, zoom: float) -> np.ndarray:
         fx, fy, cx, cy = self.intrinsics

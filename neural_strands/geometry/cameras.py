@@ -154,6 +154,13 @@ class Camera:
         scale = torch.diag(self.intrinsics.new_tensor([width / self.width, height / self.height, 1.0]))
         return replace(self, intrinsics=scale @ self.intrinsics, width=width, height=height)
 
+    def reduced(self, longest_side: int) -> "Camera":
+        """The same view with at most `longest_side` pixels along the longer side, in proportion."""
+        scale = longest_side / max(self.width, self.height)
+        if scale >= 1.0:
+            return self
+        return self.resized(max(1, round(self.width * scale)), max(1, round(self.height * scale)))
+
     def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
         """The part of the view that starts `left` and `top` pixels in, with the same rays through the same pixels."""
         shift = torch.zeros_like(self.intrinsics)

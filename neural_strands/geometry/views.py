@@ -104,7 +104,7 @@ class Views:
 
     def reduced(self, longest: int) -> "Views":
         """The views with at most `longest` pixels along their longer side; smaller ones stay as they are."""
-        cameras = tuple(_reduced(camera, longest) for camera in self.cameras)
+        cameras = tuple(camera.reduced(longest) for camera in self.cameras)
 
         def read(index: int, part: Part) -> Tensor | None:
             found, camera = self.read(index, part), cameras[index]
@@ -117,10 +117,3 @@ class Views:
             return to_srgb(reduced) if part == "image" else reduced
 
         return Views(cameras, self.has_hair_mask, read)
-
-
-def _reduced(camera: Camera, longest: int) -> Camera:
-    scale = longest / max(camera.width, camera.height)
-    if scale >= 1:
-        return camera
-    return camera.resized(max(round(scale * camera.width), 1), max(round(scale * camera.height), 1))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int64, UInt8
+from jaxtyping import Float, UInt8, UInt16
 from scipy.ndimage import gaussian_filter
 
 BINS = 32
@@ -60,15 +60,15 @@ class LookHistogram:
             _density(gaussian_filter(texture, (1.0, 0.0), mode="nearest"), TEXTURE_FLOOR),
         )
 
-    def __call__(self, cells: Int64[np.ndarray, "*pixel 2"]) -> Float[np.ndarray, "*pixel"]:
+    def __call__(self, cells: UInt16[np.ndarray, "*pixel 2"]) -> Float[np.ndarray, "*pixel"]:
         """The density at each cell."""
         return self.colour[cells[..., 0]] * self.texture[cells[..., 1]] ** TEXTURE_WEIGHT
 
 
-def look_cells(picture: UInt8[np.ndarray, "height width 3"]) -> Int64[np.ndarray, "height width 2"]:
+def look_cells(picture: UInt8[np.ndarray, "height width 3"]) -> UInt16[np.ndarray, "height width 2"]:
     """Indices of the colour cell and the texture cell of each pixel of an RGB picture."""
     lab = cv2.cvtColor(picture, cv2.COLOR_RGB2LAB).astype(np.float32)
-    return np.stack([_colour_cells(lab), _texture_cells(lab[..., 0] / 255.0)], axis=-1)
+    return np.stack([_colour_cells(lab), _texture_cells(lab[..., 0] / 255.0)], axis=-1).astype(np.uint16)
 
 
 def _colour_cells(lab: np.ndarray) -> np.ndarray:

@@ -60,7 +60,8 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
         calibration = _calibration(capture, folder)
         names = [camera.name or f"{index:04d}" for index, camera in enumerate(capture.cameras)]
         if request.landmarks is not None:
-            faces = read_marks(request.landmarks, names)
+            lenses = {name: file.lens for name, file in zip(names, capture.files, strict=True)}
+            faces = read_marks(request.landmarks, names, lambda name, pixels: lenses[name].undistort_points(pixels))
         else:
             faces = request.detector.detect(calibration.pictures)
             say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
@@ -102,12 +103,12 @@ def _person_masks(capture: Capture, folder: Path) -> list[Path | None]:
 def _scalp(capture: Capture, fitted: FittedHead) -> Int64[Tensor, " scalp"]:
     """The template's scalp without the parts that the capture's hair masks show to be bare."""
     world = cameras_in_world(capture.cameras, fitted.frame)
-    masks = {index: mask for index in range(len(capture)) if (mask := capture.hair_mask(index)) is not None}
-    if not masks:
+    masked = [index for index in range(len(capture)) if capture.hair_mask(index) is not None]
+    if not masked:
         return fitted.head.scalp_faces
     zoned = ZonedHead.of(fitted.head, fitted.landmarks)
-    hair = vote_on([world[index] for index in masks], zoned, [_bytes(mask) for mask in masks.values()])
-    return person_scalp(fitted.head, hair.vote)
+    masks = (_bytes(mask) for index in masked if (mask := capture.hair_mask(index)) is not None)
+    return person_scalp(fitted.head, vote_on([world[index] for index in masked], zoned, masks))
 
 
 def _bytes(values: Tensor) -> np.ndarray:

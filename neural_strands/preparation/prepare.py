@@ -10,7 +10,7 @@ head          scale, frame, and the head in them
 masks         hair
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from neural_strands.capture.colmap import read_colmap
+from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import remove_leftovers, sole_writer, write_json
 from neural_strands.foundation.npz import ArraySpec, read_npz
@@ -27,6 +28,7 @@ from neural_strands.preparation.cameras.calibration import (
     PosedLens,
     SparsePoints,
     calibrate,
+    lens_of,
 )
 from neural_strands.preparation.cameras.given import by_name, read_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
@@ -37,13 +39,16 @@ from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
+from neural_strands.preparation.mask_edits import MaskEdits
 from neural_strands.preparation.masks.hair import find_hair, vote_on
-from neural_strands.preparation.masks.segmenter import GivenMasks, check_command, run_segmenter
+from neural_strands.preparation.masks.segmenter import GivenMasks, check_command, read_mask, run_segmenter
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import (
+    Photograph,
     find_photographs,
     import_photographs,
     read_list,
+    read_picture,
     write_picture,
 )
 from neural_strands.preparation.photographs.video import import_video, is_video
@@ -55,7 +60,7 @@ STAGES = "preparation"
 PERSON = "person"
 VOTES = "votes.npz"
 ADVICE = "remove its folder, and the stage is done again"
-VERSIONS = {"masks": 2}
+VERSIONS = {"photographs": 2, "masks": 2, "template": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
@@ -113,20 +118,24 @@ def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str
     cameras, lenses = run.cameras(photographs)
     calibration = Calibration.load(cameras.folder)
     given = None if request.masks is None else GivenMasks(request.masks, read_list(photographs.folder), lenses)
-    face = run.face(cameras, calibration)
+    face = run.face(cameras, calibration, _Originals(read_list(photographs.folder), lenses))
     head = run.head(cameras, calibration, face)
     fitted = FittedHead.load(head.folder)
     world = cameras_in_world(calibration.cameras, fitted.frame)
     masks = run.masks(calibration, face, head, fitted, world, given)
-    scalp = person_scalp(fitted.head, _read_votes(masks.folder, len(fitted.head.mesh.vertices)))
-    CaptureFiles(
-        world,
-        calibration.pictures,
-        [masks.folder / picture.name for picture in calibration.pictures],
-        run.outlines(calibration, face),
-        fitted.head,
-        scalp,
-    ).write(request.out)
+    edits = MaskEdits.find(request.out, request.out / STAGES, calibration.pictures)
+    if edits.sentence():
+        say(edits.sentence())
+    hair = [edits.chosen(HAIR_MASKS, masks.folder / picture.name) for picture in calibration.pictures]
+    outlines = [edits.chosen(PERSON_MASKS, file) for file in run.outlines(calibration, face) if file is not None]
+    if edits.edited:
+        sized = ((file, (camera.width, camera.height)) for file, camera in zip(hair, world, strict=True))
+        zoned = ZonedHead.of(fitted.head, fitted.landmarks)
+        vote = vote_on(world, zoned, (read_mask(file, size) for file, size in sized))
+    else:
+        vote = _read_votes(masks.folder, len(fitted.head.mesh.vertices))
+    scalp = person_scalp(fitted.head, vote)
+    CaptureFiles(world, calibration.pictures, hair, outlines, edits, fitted.head, scalp).write(request.out)
     figures = {
         "photographs": len(read_list(photographs.folder)),
         "cameras": len(world),
@@ -219,7 +228,7 @@ class _Run:
 
         return self._stage("cameras", inputs, undistort), lenses
 
-    def face(self, cameras: Stage, calibration: Calibration) -> Stage:
+    def face(self, cameras: Stage, calibration: Calibration, originals: "_Originals") -> Stage:
         """Landmarks of each view, and masks of the person if the detector makes them."""
         names = [picture.name for picture in calibration.pictures]
         marks, detector = self.request.head.landmarks, self.request.head.detector
@@ -230,7 +239,7 @@ class _Run:
         def work(out: Path) -> None:
             (out / PERSON).mkdir()
             if marks is not None:
-                faces = read_marks(marks, names)
+                faces = read_marks(marks, names, originals.to_picture)
             else:
                 faces = detector.detect(calibration.pictures, out / PERSON)
                 self.say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
@@ -288,15 +297,20 @@ class _Run:
 
         def work(out: Path) -> None:
             zoned = ZonedHead.of(fitted.head, fitted.landmarks)
+            vote = None
             if given is not None:
-                found = vote_on(cameras, zoned, [given.read(picture.name) for picture in calibration.pictures])
+                masks = (given.read(picture.name) for picture in calibration.pictures)
             elif segmenter is not None:
-                found = vote_on(cameras, zoned, run_segmenter(segmenter, calibration.pictures, out))
+                masks = run_segmenter(segmenter, calibration.pictures, out)
             else:
                 found = find_hair(cameras, calibration.pictures, zoned, self.outlines(calibration, face))
-            for picture, coverage in zip(calibration.pictures, found.coverage, strict=True):
-                write_picture(out / picture.name, coverage)
-            np.savez(out / VOTES, vote=found.vote)
+                masks, vote = found.coverage, found.vote
+            files = [out / picture.name for picture in calibration.pictures]
+            for file, coverage in zip(files, masks, strict=True):
+                write_picture(file, coverage)
+            if vote is None:
+                vote = vote_on(cameras, zoned, (read_picture(file)[..., 0] for file in files))
+            np.savez(out / VOTES, vote=vote)
 
         inputs = {"face": face.digest, "head": head.digest, "segmenter": segmenter, "votes": VOTES}
         if given is not None:
@@ -307,6 +321,21 @@ class _Run:
         """Masks of the person; None for views without one."""
         files = [face.folder / PERSON / picture.name for picture in calibration.pictures]
         return [file if file.is_file() else None for file in files]
+
+
+@dataclass(frozen=True)
+class _Originals:
+    """The photographs as they were taken, and their lenses."""
+
+    photographs: Sequence[Photograph]
+    lenses: Mapping[str, PosedLens]
+
+    def to_picture(self, name: str, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (n, 2) of the undistorted picture `name` for pixels of the upright photograph."""
+        photograph = next(photograph for photograph in self.photographs if photograph.name == name)
+        posed = lens_of(photograph, self.lenses)
+        moved = photograph.scale * pixels
+        return moved if posed is None else posed.lens.undistort_points(moved)
 
 
 def _read_votes(folder: Path, vertices: int) -> np.ndarray:

@@ -14,6 +14,7 @@ from torch import Tensor
 from neural_strands.capture.writer import HAIR_MASKS, IMAGES, PERSON_MASKS, CaptureWriter
 from neural_strands.foundation.files import atomic_file
 from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.mask_edits import MaskEdits
 from neural_strands.scalp.head import Head
 
 HAIRLINE = 0.5
@@ -28,7 +29,8 @@ class CaptureFiles:
         cameras: cameras of the views, world metres.
         pictures: undistorted pictures, one per camera.
         hair: masks of the hair, named like the pictures.
-        outlines: masks of the person, named like the pictures; None for views without one.
+        outlines: masks of the person, named like the pictures; views may lack one.
+        edits: the user's edits of earlier masks.
         head: the head, world metres.
         scalp: faces of the head that hair grows from.
     """
@@ -36,23 +38,25 @@ class CaptureFiles:
     cameras: Sequence[Camera]
     pictures: Sequence[Path]
     hair: Sequence[Path]
-    outlines: Sequence[Path | None]
+    outlines: Sequence[Path]
+    edits: MaskEdits
     head: Head
     scalp: Int64[Tensor, " scalp"]
 
     def write(self, out: Path) -> None:
-        """Write the capture, hard-linking the stages' files; the cameras come last and mark it as complete.
+        """Write the capture; pictures are hard links to the stages' files, masks are copies, which may be edited.
+
+        The cameras come last and mark the capture as complete.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written to.
         """
         (out / "transforms.json").unlink(missing_ok=True)
-        for kind, files in ((IMAGES, self.pictures), (HAIR_MASKS, self.hair), (PERSON_MASKS, self.outlines)):
-            shutil.rmtree(out / kind, ignore_errors=True)
-            there = [file for file in files if file is not None]
-            for file in there:
-                with atomic_file(out / kind / file.name) as path:
-                    _share(file, path)
+        shutil.rmtree(out / IMAGES, ignore_errors=True)
+        for file in self.pictures:
+            with atomic_file(out / IMAGES / file.name) as path:
+                _share(file, path)
+        self.edits.write({HAIR_MASKS: self.hair, PERSON_MASKS: self.outlines})
         writer = CaptureWriter(out)
         writer.write_head(self.head.mesh, self.scalp)
         writer.finish(self.cameras)

@@ -38,6 +38,24 @@ def test_a_spot_lands_where_the_pinhole_camera_sees_it(coefficients):
         np.testing.assert_allclose(found, expected, atol=0.15)
 
 
+@pytest.mark.parametrize("coefficients", [(0.25, 0.0, 0.004, 0.0, 0.0), (-0.25, 0.05, 0.0, 0.003, 0.01)])
+def test_points_of_the_photograph_come_to_their_places_in_the_undistorted_view(coefficients):
+    bent = lens(*coefficients)
+    directions = np.random.default_rng(0).uniform(-0.4, 0.4, (40, 2))
+    matrix = bent.undistorted_matrix()
+    found = bent.undistort_points(bent.distort(directions))
+    np.testing.assert_allclose(found, directions @ matrix[:2, :2].T + matrix[:2, 2], atol=1e-6)
+
+
+def test_a_tall_photograph_is_undistorted_like_its_parts():
+    tall = Lens((900.0, 900.0, 10.0, 400.0), (0.1, 0.0, 0.0, 0.0, 0.0), 20, 800)
+    rows = np.repeat(np.arange(800, dtype=np.float32)[:, None], 20, axis=1)
+    expected = tall.distort(
+        np.stack([np.zeros(800), (np.arange(800) + 0.5 - 400) / tall.undistorted_matrix()[1, 1]], 1)
+    )
+    np.testing.assert_allclose(tall.undistort(rows)[:, 10], np.clip(expected[:, 1] - 0.5, 0, 799), atol=0.1)
+
+
 @settings(max_examples=30, deadline=None)
 @given(k1=st.floats(-0.3, 0.3), p1=st.floats(-0.01, 0.01))
 def test_no_pixel_comes_from_outside_the_photograph(k1, p1):

@@ -66,13 +66,26 @@ def test_faces_round_trip(tmp_path: Path):
     assert second == []
 
 
+def as_it_is(_: str, pixels: np.ndarray) -> np.ndarray:
+    return pixels
+
+
 def test_landmarks_set_by_hand(tmp_path: Path):
     path = tmp_path / "marks.json"
     path.write_text(json.dumps({"A.JPG": {"nose_tip": [10, 20.5], "33": [1, 2]}}))
-    marked, bare = read_marks(path, ["a.png", "b.png"])
+    marked, bare = read_marks(path, ["a.png", "b.png"], as_it_is)
     assert bare == []
     np.testing.assert_array_equal(marked[0][[NAMED["nose_tip"], 33]], [[10, 20.5], [1, 2]])
     assert np.isnan(np.delete(marked[0], [NAMED["nose_tip"], 33], axis=0)).all()
+
+
+def test_landmarks_follow_the_photograph_to_its_picture(tmp_path: Path):
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps({"a.jpg": {"33": [8, 4]}, "b.jpg": {"33": [8, 4]}}))
+    (first,), (second,) = read_marks(path, ["a.png", "b.png"], lambda name, at: at * (0.5 if name == "a.png" else 1.0))
+    np.testing.assert_array_equal(first[33], [4, 2])
+    np.testing.assert_array_equal(second[33], [8, 4])
+    assert np.isnan(first[34]).all()
 
 
 @pytest.mark.parametrize(
@@ -91,7 +104,7 @@ def test_wrong_landmark_files_are_one_sentence(tmp_path: Path, document, complai
     path = tmp_path / "marks.json"
     path.write_text(document if isinstance(document, str) else json.dumps(document))
     with pytest.raises(InputError, match=complaint) as caught:
-        read_marks(path, ["a.png"])
+        read_marks(path, ["a.png"], as_it_is)
     assert "\n" not in str(caught.value)
 
 

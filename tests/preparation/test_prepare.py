@@ -1,13 +1,15 @@
 """The whole way from pictures to a capture, on the built-in head with a cap of hair, in a frame and unit of its own."""
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from full_disk import smallest_files
-from photographed_head import UNIT, Scene, write_scene
+from photographed_head import SIDE, UNIT, Scene, write_scene
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.checks import check_capture
@@ -101,6 +103,67 @@ def test_given_masks_and_a_segmenter_are_used(scene: Scene, prepared, tmp_path: 
     (masks / "3.png").unlink()
     with pytest.raises(InputError, match=r"found none of 3\.png"):
         prepare(scene.request(out, masks=masks), said.append)
+
+
+def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
+    out = tmp_path / "capture"
+    figures = prepare(scene.request(out), lambda _: None)
+    found = (out / "masks" / "1.png").read_bytes()
+    painted = np.zeros((SIDE, SIDE), np.uint8)
+    painted[:60] = 255
+    # Editors write in place or replace the file; neither may reach the stage's own mask.
+    (out / "masks" / "3.png").write_bytes((out / "masks" / "4.png").read_bytes())
+    write_picture(out / "masks" / "0.png", painted)
+    said: list[str] = []
+    prepare(scene.request(out), said.append)
+    assert [line for line in said if "edited" in line] == [
+        "2 masks that you edited are kept (masks/0.png, masks/3.png); delete one to undo that."
+    ]
+    np.testing.assert_array_equal(read_picture(out / "masks" / "0.png")[..., 0], painted)
+    assert (out / "masks" / "3.png").read_bytes() == (out / "masks" / "4.png").read_bytes()
+    assert (out / "masks" / "1.png").read_bytes() == found
+    # Edits are kept although the stage is done again, and are used: without hair, only unseen scalp remains.
+    for name in scene.hair:
+        write_picture(out / "masks" / name, np.zeros((SIDE, SIDE), np.uint8))
+    bald = prepare(scene.request(out, segmenter="cp {image} {mask}"), lambda _: None)
+    assert bald["scalp_faces"] < 0.5 * figures["scalp_faces"]
+    assert not read_picture(out / "masks" / "5.png").any()
+    for name in scene.hair:
+        (out / "masks" / name).unlink()
+    assert prepare(scene.request(out), lambda _: None) == figures
+    assert (out / "masks" / "1.png").read_bytes() == found
+
+
+def test_edited_masks_of_other_pictures_are_set_aside(scene: Scene, tmp_path: Path):
+    photos, out = tmp_path / "photos", tmp_path / "capture"
+    shutil.copytree(scene.folder / "photos", photos)
+    prepare(scene.request(out, photographs=photos), lambda _: None)
+    write_picture(out / "masks" / "2.png", np.zeros((SIDE, SIDE), np.uint8))
+    edited = (out / "masks" / "2.png").read_bytes()
+    shutil.copyfile(photos / "3.png", photos / "2.png")
+    said: list[str] = []
+    prepare(scene.request(out, photographs=photos), said.append)
+    (told,) = [line for line in said if "edited" in line]
+    assert "1 that you edited no longer fit their pictures (masks/2.png) and are moved to" in told
+    assert (out / "preparation" / "replaced_masks" / "masks" / "2.png").read_bytes() == edited
+    assert read_picture(out / "masks" / "2.png").any()
+
+
+def test_landmarks_are_in_pixels_of_the_photograph_as_it_was_taken(scene: Scene, prepared, tmp_path: Path):
+    _, figures, _ = prepared
+    large = tmp_path / "photos"
+    large.mkdir()
+    for photograph in (scene.folder / "photos").iterdir():
+        picture = read_picture(photograph)
+        write_picture(large / photograph.name, picture.repeat(2, axis=0).repeat(2, axis=1))
+    marks = json.loads((scene.folder / "landmarks.json").read_text())
+    doubled = {view: {mark: [2 * x, 2 * y] for mark, (x, y) in face.items()} for view, face in marks.items()}
+    (tmp_path / "landmarks.json").write_text(json.dumps(doubled))
+    request = scene.request(tmp_path / "capture", photographs=large, longest_side=SIDE)
+    request = replace(request, head=replace(request.head, landmarks=tmp_path / "landmarks.json"))
+    again = prepare(request, lambda _: None)
+    assert again["landmark_error_px"] < 0.5
+    assert again["metres_per_camera_unit"] == pytest.approx(figures["metres_per_camera_unit"], rel=1e-3)
 
 
 def test_a_measured_length_makes_the_scale(scene: Scene, prepared):

@@ -342,7 +342,7 @@ READERS = (
     FuzzedReader(
         "RealityCapture", "preparation/cameras.csv", lambda path: read_reality_capture(path, {"a": (600, 400)})
     ),
-    FuzzedReader("landmarks", "preparation/marks.json", lambda path: read_marks(path, NAMES)),
+    FuzzedReader("landmarks", "preparation/marks.json", lambda path: read_marks(path, NAMES, lambda _, at: at)),
     FuzzedReader("FLAME", "preparation/flame.pkl", read_flame),
     FuzzedReader("stage photographs", "preparation/photographs/photographs.json", lambda path: read_list(path.parent)),
     FuzzedReader("stage picture", "preparation/photographs/000.png", read_picture),

@@ -1,7 +1,7 @@
 """Files of detected faces, and of landmarks set by hand."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,30 +41,45 @@ def _landmarks(face: JsonValue) -> np.ndarray:
     return found
 
 
-def read_marks(path: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
-    """Read landmarks set by hand: JSON, {photograph: {landmark: [x, y]}}, pixels of the photograph.
+def read_marks(
+    path: Path, names: Sequence[str], to_picture: Callable[[str, np.ndarray], np.ndarray]
+) -> list[list[np.ndarray]]:
+    """Read landmarks set by hand: JSON, {photograph: {landmark: [x, y]}}, pixels of the photograph as it was taken.
 
     A landmark is one of the names of `topology.NAMED`, or its number.
 
     Args:
         path: the file.
         names: names of the pictures; the file may omit their suffixes.
+        to_picture: takes a picture's name and pixels (n, 2) of its photograph to pixels of the picture, which may have
+            another size and no distortion.
 
     Returns:
-        For each picture, a list of one face or of none.
+        For each picture, a list of one face or of none, in pixels of the picture.
 
     Raises:
         InputError: the file is malformed, names an unknown landmark, or marks none of the pictures.
     """
     document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
     marked = {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items()}
-    found = [[marked[stem]] if (stem := Path(name).stem.lower()) in marked else [] for name in names]
+    found = []
+    for name in names:
+        face = marked.get(Path(name).stem.lower())
+        found.append([] if face is None else [_moved(face, name, to_picture)])
     if not any(found):
         raise InputError(
             f"{path}: expected landmarks on photographs that have a camera (such as {names[0]}), found them on "
             f"{len(marked)} others; use the photographs' names, or set landmarks on those."
         )
     return found
+
+
+def _moved(face: np.ndarray, name: str, to_picture: Callable[[str, np.ndarray], np.ndarray]) -> np.ndarray:
+    """The landmarks that are known, in pixels of the picture."""
+    known = np.isfinite(face).all(axis=1)
+    moved = np.full_like(face, np.nan)
+    moved[known] = to_picture(name, face[known])
+    return moved
 
 
 def _face(marks: JsonValue) -> np.ndarray:

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.capture.images import reduced
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.json_files import read_json
 from neural_strands.foundation.npz import ArraySpec, read_npz
@@ -38,6 +39,9 @@ FIGURES = "figures.json"
 OUTLINE = 50
 """Value of the person mask (of 255) above which a pixel counts as person; low, so that the head does not become too
 small."""
+
+OUTLINE_SIDE = 1024
+"""Longer side at which outlines are used, pixels; those of all photographs are kept in memory at once."""
 
 
 @dataclass(frozen=True)
@@ -160,14 +164,18 @@ def _evidence(
 ) -> Evidence:
     """Collect the photographs' evidence on the head's shape, in the world."""
     world = cameras_in_world(calibration.cameras, frame)
-    seen = [(camera, path) for camera, path in zip(world, outlines, strict=True) if path is not None]
+    seen = [
+        (camera.reduced(OUTLINE_SIDE), reduced(read_picture(path)[..., 0], OUTLINE_SIDE) > OUTLINE)
+        for camera, path in zip(world, outlines, strict=True)
+        if path is not None
+    ]
     return Evidence(
         frame.apply(torch.from_numpy(face.points)).numpy(),
         frame.scale * face.spread,
         frame.apply(torch.from_numpy(calibration.points.position)).numpy(),
         near_landmarks(placed.head.mesh.vertices, placed.landmarks).numpy(),
         [camera for camera, _ in seen],
-        [read_picture(path)[..., 0] > OUTLINE for _, path in seen],
+        [outline for _, outline in seen],
     )
 
 

@@ -7,7 +7,7 @@ each point of the head's surface, so that they agree on the hairline, the histog
 and everything is repeated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +15,13 @@ import cv2
 import numpy as np
 import torch
 
+from neural_strands.capture.images import reduced
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.looks import LookHistogram, look_cells
 from neural_strands.preparation.masks.finish import finish_mask
 from neural_strands.preparation.masks.random_walk import random_walk
-from neural_strands.preparation.masks.zones import ZonedHead, Zones, votes
+from neural_strands.preparation.masks.zones import Ballot, Shown, ZonedHead
 from neural_strands.preparation.photographs.folder import read_picture
 
 LONGEST_SIDE = 1024
@@ -39,7 +40,6 @@ FRONTAL = 0.7
 """Least cosine to the front for a view to show the face: seen from the side, hair hangs in front of it."""
 WISPS, WISP_WEIGHT = 0.012, 0.6
 """Distance by which hair may stick out of the person's outline, metres, and the probability of the person there."""
-FEWEST_VOTES = 2
 NO_OUTLINE = 0.06
 """Distance from the head that may belong to the person if there is no outline, metres."""
 
@@ -49,31 +49,38 @@ class HairMasks:
     """Masks of every view.
 
     Attributes:
-        coverage: hair mask of each view, (height, width), 8 bits.
-        vote: (vertex,) share of the views of each vertex of the head that see hair in front of it; NaN if none sees the
-            vertex.
+        coverage: hair mask of each view, (height, width), 8 bits; each is made when it is taken, because together they
+            may not fit into memory.
+        vote: (vertex,) share of the views of each vertex of the head that see hair in front of it; NaN if fewer than
+            two show the vertex.
     """
 
-    coverage: tuple[np.ndarray, ...]
+    coverage: Iterator[np.ndarray]
     vote: np.ndarray
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """The parts of a view that stay fixed over the rounds.
+    """The parts of a view that stay fixed over the rounds. Those of all views are kept, so they are small.
 
     Attributes:
         picture: 8-bit RGB.
         cells: histogram cells of colour and texture.
-        zones: the head's zones in the view.
-        person: (height, width) probability of the person.
+        prior: (height, width) probability that a pixel of the person is hair, half precision.
+        face: (height, width) the face below the brows.
+        below_chin: (height, width) pixels that show something lower than the chin.
+        person: (height, width) probability of the person, half precision.
+        shown: the head's vertices that the view shows.
         frontal: whether the view shows the face from the front.
     """
 
     picture: np.ndarray
     cells: np.ndarray
-    zones: Zones
+    prior: np.ndarray
+    face: np.ndarray
+    below_chin: np.ndarray
     person: np.ndarray
+    shown: Shown
     frontal: bool
 
 
@@ -91,23 +98,19 @@ def find_hair(
         head: the placed template with its zones.
         outlines: a mask of the person for each view, if there is one.
     """
-    scale = [min(1.0, LONGEST_SIDE / max(camera.width, camera.height)) for camera in cameras]
-    small = [
-        camera.resized(max(1, round(camera.width * k)), max(1, round(camera.height * k)))
-        for camera, k in zip(cameras, scale, strict=True)
-    ]
+    small = [camera.reduced(LONGEST_SIDE) for camera in cameras]
     seen = [
         _look(camera, picture, head, outline)
         for camera, picture, outline in track(
             list(zip(small, pictures, outlines, strict=True)), "looking at the person"
         )
     ]
-    found = [np.where(view.zones.face, 0.0, _first_guess(view)) for view in seen]
+    found = [np.where(view.face, np.float16(0), _first_guess(view)) for view in seen]
     prior: torch.Tensor | None = None
     vote = np.zeros(0)
     for number in range(ROUNDS):
         frontal = [view for view in seen if view.frontal] or seen
-        skin = LookHistogram.of([view.cells[view.zones.face] for view in frontal])
+        skin = LookHistogram.of([view.cells[view.face] for view in frontal])
         hair = _hair_look(seen, found, skin)
         found = [
             _segment(view, guess, (hair, skin), head, camera, prior)
@@ -115,17 +118,16 @@ def find_hair(
                 list(zip(seen, found, small, strict=True)), f"finding hair, round {number + 1} of {ROUNDS}"
             )
         ]
-        mean, count = votes([view.zones for view in seen], found)
-        vote = np.where(count >= FEWEST_VOTES, mean, np.nan)
+        vote = _votes(head, (view.shown for view in seen), found)
         known = torch.from_numpy(np.clip(np.nan_to_num(vote), *VOTE_RANGE)).to(head.prior)
         # The prior of the face is not replaced: beards and brows have the colour of hair.
         replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
         prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
-    coverage = tuple(
+    coverage = (
         finish_mask(
             guess,
-            view.zones.prior * view.person,
-            view.zones.below_chin,
+            view.prior * view.person,
+            view.below_chin,
             camera.footprint(_distance(camera, head)),
             (full.width, full.height),
         )
@@ -134,15 +136,31 @@ def find_hair(
     return HairMasks(coverage, vote)
 
 
-def vote_on(cameras: Sequence[Camera], head: ZonedHead, coverage: Sequence[np.ndarray]) -> HairMasks:
-    """Compute the votes on the head's surface for given masks."""
-    vote, count = votes([head.seen_by(camera) for camera in cameras], [mask / 255.0 for mask in coverage])
-    return HairMasks(tuple(coverage), np.where(count >= FEWEST_VOTES, vote, np.nan))
+def vote_on(cameras: Sequence[Camera], head: ZonedHead, masks: Iterable[np.ndarray]) -> np.ndarray:
+    """Compute the votes on the head's surface for given masks.
+
+    Args:
+        cameras: cameras of the views, world metres.
+        head: the placed template with its zones.
+        masks: a mask of the hair for each camera, (height, width), 8 bits.
+
+    Returns:
+        The votes (vertex,), as in `HairMasks`.
+    """
+    shown = (head.seen_by(camera.reduced(LONGEST_SIDE)).shown for camera in cameras)
+    return _votes(head, shown, (reduced(mask, LONGEST_SIDE) / np.float32(255) for mask in masks))
+
+
+def _votes(head: ZonedHead, shown: Iterable[Shown], coverage: Iterable[np.ndarray]) -> np.ndarray:
+    ballot = Ballot(len(head.head.mesh.vertices))
+    for vertices, covered in zip(shown, coverage, strict=True):
+        ballot.add(vertices, covered)
+    return ballot.shares()
 
 
 def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> _Seen:
     size = (camera.width, camera.height)
-    picture = cv2.resize(read_picture(path), size, interpolation=cv2.INTER_AREA)
+    picture = reduced(read_picture(path), LONGEST_SIDE)
     zones = head.seen_by(camera)
     if outline is not None:
         person = cv2.resize(read_picture(outline)[..., 0], size, interpolation=cv2.INTER_LINEAR) / np.float32(255)
@@ -154,8 +172,16 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
         gap = cv2.distanceTransform((~(zones.head | zones.scalp)).astype(np.uint8), cv2.DIST_L2, 5)
         person = 1.0 / (1.0 + np.exp(np.clip((gap - reach) / (0.3 * reach), -30, 30)))
     towards = torch.nn.functional.normalize(camera.position - head.head.scalp_mesh.corners().mean(dim=(0, 1)), dim=0)
-    person = np.clip(person, *PERSON_RANGE).astype(np.float32)
-    return _Seen(picture, look_cells(picture), zones, person, float(towards[2]) > FRONTAL)
+    return _Seen(
+        picture,
+        look_cells(picture),
+        zones.prior.astype(np.float16),
+        zones.face,
+        zones.below_chin,
+        np.clip(person, *PERSON_RANGE).astype(np.float16),
+        zones.shown,
+        float(towards[2]) > FRONTAL,
+    )
 
 
 def _distance(camera: Camera, head: ZonedHead) -> float:
@@ -165,7 +191,7 @@ def _distance(camera: Camera, head: ZonedHead) -> float:
 
 def _first_guess(view: _Seen) -> np.ndarray:
     """Probability of hair before its look is known: the scalp, and the person beside the head."""
-    return view.zones.prior * view.person
+    return view.prior * view.person
 
 
 def _hair_look(seen: Sequence[_Seen], found: Sequence[np.ndarray], skin: LookHistogram) -> LookHistogram:
@@ -184,20 +210,18 @@ def _segment(
     prior: torch.Tensor | None,
 ) -> np.ndarray:
     """Combine zone, outline and look into evidence for each pixel, then run the random walk."""
-    zones = view.zones if prior is None else head.seen_by(camera, prior)
-    is_person = view.person > 0.5
+    likely = view.prior.astype(np.float32) if prior is None else head.seen_by(camera, prior).prior
+    person = view.person.astype(np.float32)
     hair, all_skin = looks
     trust = np.where(hair(view.cells) > all_skin(view.cells), DOUBT, 1.0)
-    own_skin = LookHistogram.of([view.cells[zones.face]], [trust[zones.face]]) if view.frontal else all_skin
-    others = is_person & (guess < 0.5) & ~zones.face
+    own_skin = LookHistogram.of([view.cells[view.face]], [trust[view.face]]) if view.frontal else all_skin
+    others = (person > 0.5) & (guess < 0.5) & ~view.face
     rest = LookHistogram.of([view.cells[others]], [trust[others]])
-    background = LookHistogram.of([view.cells[view.person < 0.1]])
-    of_hair = view.person * zones.prior * hair(view.cells)
+    background = LookHistogram.of([view.cells[person < 0.1]])
+    of_hair = person * likely * hair(view.cells)
     of_person = (
-        view.person
-        * (1.0 - zones.prior)
-        * (0.25 * (own_skin(view.cells) + all_skin(view.cells)) + 0.5 * rest(view.cells))
+        person * (1.0 - likely) * (0.25 * (own_skin(view.cells) + all_skin(view.cells)) + 0.5 * rest(view.cells))
     )
-    of_background = (1.0 - view.person) * background(view.cells)
+    of_background = (1.0 - person) * background(view.cells)
     evidence = of_hair / (of_hair + of_person + of_background + 1e-12)
-    return random_walk(view.picture, evidence, STRENGTH)
+    return random_walk(view.picture, evidence, STRENGTH).astype(np.float16)

@@ -2,7 +2,7 @@
 
 import shlex
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from neural_strands.capture.images import mask_of, read_pixels
 from neural_strands.capture.view_files import find_mask
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.progress import track
 from neural_strands.foundation.worker import last_line
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
@@ -102,7 +103,7 @@ def check_command(command: str) -> None:
         )
 
 
-def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> list[np.ndarray]:
+def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> Iterator[np.ndarray]:
     """Run a command on each picture, which writes a mask that is white where there is hair.
 
     Args:
@@ -110,14 +111,13 @@ def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> list[np.
         pictures: undistorted pictures.
         out: an existing folder for the masks.
 
-    Returns:
-        Masks (height, width), 8 bits.
+    Yields:
+        A mask (height, width), 8 bits, for each picture.
 
     Raises:
         InputError: the command does not start, fails, or writes no mask of the picture's shape.
     """
     check_command(command)
-    masks = []
     for picture in track(pictures, "segmenting"):
         mask = out / f"{picture.stem}.png"
         words = [word.replace("{image}", str(picture)).replace("{mask}", str(mask)) for word in shlex.split(command)]
@@ -130,6 +130,4 @@ def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> list[np.
         if done.returncode != 0 or not mask.is_file():
             last = last_line(done.stderr, f"exit status {done.returncode}, no mask")
             raise InputError(f"--segmenter: expected a mask of {picture.name}, found: {last}.")
-        height, width = read_pixels(picture).shape[:2]
-        masks.append(read_mask(mask, (width, height)))
-    return masks
+        yield read_mask(mask, image_size(picture))

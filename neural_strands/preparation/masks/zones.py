@@ -1,6 +1,5 @@
 """Prior probability of hair at each pixel of the person, from the placed head alone."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +23,22 @@ FRONTAL = 0.3
 """Least z of the normals of the head's front."""
 BESIDE, BELOW = 0.93, 0.30
 """Probability of hair beside the head's silhouette: above the chin, and a hand's breadth below it."""
+FEWEST_VOTES = 2
 HAND = 0.10
 """Length over which the one changes into the other, metres."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The head's vertices that one view shows.
+
+    Attributes:
+        vertex: (shown,) numbers of the visible vertices.
+        pixel: (shown, 2) column and row of each, integers.
+    """
+
+    vertex: np.ndarray
+    pixel: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -38,8 +51,7 @@ class Zones:
         scalp: (height, width) the scalp.
         head: (height, width) the head above the chin.
         below_chin: (height, width) pixels that show something lower than the chin, if it is as far away as the scalp.
-        shown: (vertex,) the template's vertices that are visible in the view.
-        pixel: (vertex, 2) column and row of each of these vertices, integers.
+        shown: the template's vertices that are visible in the view.
     """
 
     prior: np.ndarray
@@ -47,8 +59,7 @@ class Zones:
     scalp: np.ndarray
     head: np.ndarray
     below_chin: np.ndarray
-    shown: np.ndarray
-    pixel: np.ndarray
+    shown: Shown
 
 
 @dataclass(frozen=True)
@@ -112,17 +123,23 @@ class ZonedHead:
             (covered & torch.isin(buffer.face, self.head.scalp_faces)).numpy(),
             (covered & (height > self.chin)).numpy(),
             (height < self.chin).numpy(),
-            shown.numpy(),
-            torch.stack([column, row], dim=1).numpy(),
+            Shown(shown.nonzero()[:, 0].numpy(), torch.stack([column, row], dim=1)[shown].numpy()),
         )
 
 
-def votes(zones: Sequence[Zones], coverage: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Share of views (vertex,) in which each vertex is behind hair, and the number of views (vertex,) that show it."""
-    total = np.zeros(len(zones[0].shown))
-    count = np.zeros(len(zones[0].shown))
-    for zone, covered in zip(zones, coverage, strict=True):
-        column, row = zone.pixel[zone.shown].T
-        total[zone.shown] += covered[row, column]
-        count[zone.shown] += 1
-    return total / np.maximum(count, 1), count
+class Ballot:
+    """Votes of views on whether hair lies in front of each vertex of the head; views are added one at a time."""
+
+    def __init__(self, vertices: int) -> None:
+        self._total = np.zeros(vertices)
+        self._count = np.zeros(vertices)
+
+    def add(self, shown: Shown, coverage: np.ndarray) -> None:
+        """Count a view's hair (height, width), in [0, 1], at the vertices that it shows."""
+        column, row = shown.pixel.T
+        self._total[shown.vertex] += coverage[row, column]
+        self._count[shown.vertex] += 1
+
+    def shares(self) -> np.ndarray:
+        """Share of views (vertex,) in which each vertex is behind hair; NaN where fewer than two views show it."""
+        return np.where(self._count >= FEWEST_VOTES, self._total / np.maximum(self._count, 1), np.nan)

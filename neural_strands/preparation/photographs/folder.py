@@ -42,6 +42,7 @@ class Photograph:
         height: pixels.
         focal: focal length from the metadata, pixels; 0 if unknown.
         device: make and model of the camera, empty if unknown.
+        scale: width relative to that of the file it was made from.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Photograph:
     height: int
     focal: float = 0.0
     device: str = ""
+    scale: float = 1.0
 
 
 def find_photographs(folder: Path) -> list[Path]:
@@ -96,7 +98,7 @@ def import_photographs(
     for path in track(paths, "reading photographs"):
         try:
             with Image.open(path) as image:
-                pixels, focal, device = _upright(image, longest_side)
+                pixels, scale, focal, device = _upright(image, longest_side)
         # Depending on the damage, Pillow's decoders raise various exceptions.
         except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             say(f"{path.name} does not decode ({str(error)[:100]}) and is left out.")
@@ -104,7 +106,7 @@ def import_photographs(
         name = f"{_unique(path, names)}.png"
         write_picture(out / name, pixels)
         height, width = pixels.shape[:2]
-        photographs.append(Photograph(name, path.name, width, height, focal, device))
+        photographs.append(Photograph(name, path.name, width, height, focal, device, scale))
     if len(photographs) < FEWEST:
         raise InputError(
             f"{paths[0].parent}: expected at least {FEWEST} photographs that decode, found {len(photographs)}; "
@@ -156,8 +158,8 @@ def read_picture(path: Path) -> np.ndarray:
     return colour_of(pixels)
 
 
-def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, str]:
-    """Return upright pixels (height, width, 3), the focal length in pixels, and the device."""
+def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, float, str]:
+    """Return upright pixels (height, width, 3), their scale, the focal length in pixels, and the device."""
     exif = image.getexif()
     device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (MAKE, MODEL)).strip()
     equivalent = exif.get_ifd(EXIF).get(FOCAL_35MM, 0)
@@ -166,11 +168,12 @@ def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, 
     image = _in_srgb(image, profile)
     pixels = reduced(np.asarray(image), longest_side)
     height, width = pixels.shape[:2]
+    scale = width / image.width
     try:
         focal = float(equivalent) * math.hypot(width, height) / FILM_DIAGONAL
     except (TypeError, ValueError, ZeroDivisionError):
         focal = 0.0
-    return pixels, focal if math.isfinite(focal) else 0.0, device
+    return pixels, scale, focal if math.isfinite(focal) else 0.0, device
 
 
 def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:

@@ -38,33 +38,44 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
     capture = cv2.VideoCapture(str(path))
     try:
         expected = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
-        best: dict[int, tuple[float, int, np.ndarray]] = {}
-        number = 0
+        photographs: list[Photograph] = []
+        best: tuple[float, int, np.ndarray] | None = None  # sharpness, number, frame
+        number, stretch = 0, 0
         for _ in track(range(max(expected, 0)), "reading the video"):
             there, frame = capture.read()
             if not there:
                 break
+            # Only the best frame of the present stretch is in memory.
+            if best is not None and number * frames // expected > stretch:
+                photographs.append(_write(best, path, out, longest_side))
+                best = None
             stretch = number * frames // expected
             sharp = frame_sharpness(frame)
-            if stretch not in best or sharp > best[stretch][0]:
-                best[stretch] = (sharp, number, reduced(frame, longest_side))
+            if best is None or sharp > best[0]:
+                best = (sharp, number, frame)
             number += 1
+        if best is not None:
+            photographs.append(_write(best, path, out, longest_side))
     finally:
         capture.release()
-    if len(best) < FEWEST:
+    if len(photographs) < FEWEST:
         raise InputError(
             f"{path}: expected a video of at least {FEWEST} frames that decode, found {number}; convert it to MP4 "
             "(H.264), or give photographs."
         )
-    photographs = []
-    for _, (_, index, frame) in sorted(best.items()):
-        name = f"frame_{index:06d}.png"
-        write_picture(out / name, np.ascontiguousarray(frame[:, :, ::-1]))
-        height, width = frame.shape[:2]
-        photographs.append(Photograph(name, f"{path.name} frame {index}", width, height, 0.0, path.name))
     write_list(out, photographs)
     say(f"{len(photographs)} of {number} frames taken, the sharpest of each interval.")
     return photographs
+
+
+def _write(chosen: tuple[float, int, np.ndarray], video: Path, out: Path, longest_side: int) -> Photograph:
+    """Write the frame (height, width, 3; BGR) that was chosen, with its sharpness and number, and describe it."""
+    _, number, whole = chosen
+    frame = reduced(whole, longest_side)
+    name = f"frame_{number:06d}.png"
+    write_picture(out / name, np.ascontiguousarray(frame[:, :, ::-1]))
+    height, width = frame.shape[:2]
+    return Photograph(name, f"{video.name} frame {number}", width, height, 0.0, video.name, width / whole.shape[1])
 
 
 def frame_sharpness(frame: np.ndarray) -> float:
