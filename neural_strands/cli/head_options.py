@@ -21,7 +21,8 @@ class HeadOptions:
     detector: Path | None = None
     """Python that has the package mediapipe, if this one does not."""
     face_model: Path | None = None
-    """MediaPipe's face_landmarker.task; not needed with mediapipe 0.10.21, which includes its models."""
+    """MediaPipe's face_landmarker.task. Default: the one inside mediapipe 0.10.21; for later versions, the published
+    one, which is fetched once."""
     bend: bool = True
     """Deform the template to match the person's face and outline. With --no-bend, it keeps its shape."""
 

@@ -8,8 +8,9 @@ from torch import Tensor, nn
 
 from neural_strands.evaluation.image_metrics import masked_mean
 from neural_strands.evaluation.lpips_trunks import LAYOUTS, Network, build_trunk
-from neural_strands.evaluation.lpips_weights import HEADS, TRUNKS, find_file, load_heads, load_trunk
+from neural_strands.evaluation.lpips_weights import HEADS, TRUNKS, load_heads, load_trunk
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.published_files import find_file
 
 SHIFT = (-0.030, -0.088, -0.188)
 """Mean colour of the trunks' training images, for images in [-1, 1]."""

@@ -1,14 +1,8 @@
-"""Finds the published weights of LPIPS: in a folder, in the user's cache, or once at their official addresses.
+"""The published weights of LPIPS: where they are found, and how they are read.
 
-Only tensors are unpickled, and downloads are kept only if their sha256 is the published one (the file names of
-torchvision's weights carry its first eight digits).
+Only tensors are unpickled. The file names of torchvision's weights carry the first eight digits of their sha256.
 """
 
-import hashlib
-import os
-import urllib.error
-import urllib.request
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -16,103 +10,46 @@ from torch import Tensor
 
 from neural_strands.evaluation.lpips_trunks import LAYOUTS, Network, build_trunk
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file
+from neural_strands.foundation.published_files import PublishedFile
 from neural_strands.foundation.tensor_files import read_tensors
 
-FOLDER_VARIABLE = "NEURAL_STRANDS_WEIGHTS"
-"""Environment variable that names a folder of weights."""
 ADVICE = "replace it with the published file"
-TIMEOUT = 20.0
-"""Time without an answer after which an address counts as unreachable, seconds."""
-LARGEST_DOWNLOAD = 2**30
-"""Largest download, bytes; more than the largest of these files."""
 HEADS_ADDRESS = (
     "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
     "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1"
 )
 TRUNKS_ADDRESS = "https://download.pytorch.org/models"
 
-
-@dataclass(frozen=True)
-class WeightFile:
-    """One published file.
-
-    Attributes:
-        names: names it may have in a folder; the first is the one it gets in the cache.
-        address: where it is published.
-        sha256: the digest in hexadecimal, or its first eight digits.
-    """
-
-    names: tuple[str, ...]
-    address: str
-    sha256: str
-
-
-TRUNKS: dict[Network, WeightFile] = {
-    "squeeze": WeightFile(
+TRUNKS: dict[Network, PublishedFile] = {
+    "squeeze": PublishedFile(
         ("squeezenet1_1-b8a52dc0.pth", "squeeze.backbone.pth"),
         f"{TRUNKS_ADDRESS}/squeezenet1_1-b8a52dc0.pth",
         "b8a52dc0",
     ),
-    "alex": WeightFile(
+    "alex": PublishedFile(
         ("alexnet-owt-7be5be79.pth", "alex.backbone.pth"), f"{TRUNKS_ADDRESS}/alexnet-owt-7be5be79.pth", "7be5be79"
     ),
-    "vgg": WeightFile(("vgg16-397923af.pth", "vgg.backbone.pth"), f"{TRUNKS_ADDRESS}/vgg16-397923af.pth", "397923af"),
+    "vgg": PublishedFile(
+        ("vgg16-397923af.pth", "vgg.backbone.pth"), f"{TRUNKS_ADDRESS}/vgg16-397923af.pth", "397923af"
+    ),
 }
-HEADS: dict[Network, WeightFile] = {
-    "squeeze": WeightFile(
+HEADS: dict[Network, PublishedFile] = {
+    "squeeze": PublishedFile(
         ("lin_squeeze_v0.1.pth", "squeeze.pth"),
         f"{HEADS_ADDRESS}/squeeze.pth",
         "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76",
     ),
-    "alex": WeightFile(
+    "alex": PublishedFile(
         ("lin_alex_v0.1.pth", "alex.pth"),
         f"{HEADS_ADDRESS}/alex.pth",
         "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
     ),
-    "vgg": WeightFile(
+    "vgg": PublishedFile(
         ("lin_vgg_v0.1.pth", "vgg.pth"),
         f"{HEADS_ADDRESS}/vgg.pth",
         "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868",
     ),
 }
-
-
-def cache_folder() -> Path:
-    """The folder for downloaded weights, in the user's cache."""
-    root = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    return (Path(root) if root else Path.home() / ".cache") / "neural-strands"
-
-
-def find_file(file: WeightFile, fetch: bool = True) -> Path:
-    """The path of a weight file: in the folder of NEURAL_STRANDS_WEIGHTS, in the cache, or fetched into the cache.
-
-    Raises:
-        InputError: it is not found, and its address does not answer or returns something else.
-    """
-    named = os.environ.get(FOLDER_VARIABLE)
-    folders = [Path(named)] if named else []
-    for folder in [*folders, cache_folder()]:
-        for name in file.names:
-            if (folder / name).is_file():
-                return folder / name
-    remedy = f"set {FOLDER_VARIABLE} to a folder that holds it"
-    if not fetch:
-        raise InputError(f"{file.names[0]}: expected it in a folder of weights, found it in none; {remedy}.")
-    target = cache_folder() / file.names[0]
-    try:
-        with urllib.request.urlopen(file.address, timeout=TIMEOUT) as answer:
-            content = answer.read(LARGEST_DOWNLOAD)
-    except (urllib.error.URLError, OSError, ValueError) as error:
-        raise InputError(
-            f"{file.names[0]}: not found, and {file.address} cannot be reached ({error}); {remedy}."
-        ) from error
-    digest = hashlib.sha256(content).hexdigest()
-    if not digest.startswith(file.sha256):
-        raise InputError(f"{file.address}: expected a file with sha256 {file.sha256}, found {digest}; {remedy}.")
-    with atomic_file(target) as temporary:
-        temporary.write_bytes(content)
-    return target
 
 
 def load_trunk(network: Network, path: Path) -> dict[str, Tensor]:

@@ -7,8 +7,9 @@ import torch
 from neural_strands.capture.images import read_pixels, to_unit
 from neural_strands.evaluation.lpips import Lpips, find_lpips
 from neural_strands.evaluation.lpips_trunks import LAYOUTS, build_trunk
-from neural_strands.evaluation.lpips_weights import FOLDER_VARIABLE, HEADS, WeightFile, find_file, load_heads
+from neural_strands.evaluation.lpips_weights import HEADS, load_heads
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.published_files import FOLDER_VARIABLE
 
 
 @pytest.fixture
@@ -92,24 +93,6 @@ def test_absent_weights_are_one_sentence(monkeypatch, tmp_path):
     assert why.startswith("LPIPS (alex) is absent: ")
     assert FOLDER_VARIABLE in why
     assert "\n" not in why
-
-
-def test_fetching_checks_the_digest_and_keeps_the_file(monkeypatch, tmp_path):
-    monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    published = tmp_path / "published.pth"
-    published.write_bytes(b"weights")
-    digest = hashlib.sha256(b"weights").hexdigest()
-    wrong = WeightFile(("a.pth",), published.as_uri(), "0" * 8)
-    with pytest.raises(InputError, match="sha256"):
-        find_file(wrong)
-    assert not (tmp_path / "cache" / "neural-strands" / "a.pth").exists()
-    right = WeightFile(("a.pth",), published.as_uri(), digest[:8])
-    assert find_file(right).read_bytes() == b"weights"
-    published.unlink()
-    assert find_file(right).read_bytes() == b"weights"
-    with pytest.raises(InputError, match="cannot be reached"):
-        find_file(WeightFile(("b.pth",), published.as_uri(), digest))
 
 
 def test_anything_but_tensors_is_refused(tmp_path):

@@ -1,5 +1,6 @@
 """The detector's process: answers are read, failures give one sentence. MediaPipe itself is tested if installed."""
 
+import hashlib
 import json
 import os
 import sys
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.published_files import FOLDER_VARIABLE, PublishedFile
+from neural_strands.preparation.face import detector as detector_module
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
 from neural_strands.preparation.face.topology import FACE_OVAL, INTERIOR, LANDMARKS, NAMED
@@ -50,6 +53,39 @@ def test_answers_come_back_in_order(tmp_path: Path):
 def test_a_detector_that_fails_is_one_sentence(tmp_path: Path, body: str, reason: str):
     with pytest.raises(InputError, match=reason):
         Detector(stand_in(tmp_path, body)).detect([tmp_path / "a.png"])
+
+
+def test_models_that_mediapipe_lacks_are_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for name in ("FACE_MODEL", "PERSON_MODEL"):
+        content = tmp_path / name
+        content.write_text(name)
+        digest = hashlib.sha256(name.encode()).hexdigest()
+        file = PublishedFile((f"{name}.task",), content.as_uri(), digest, "--option")
+        monkeypatch.setattr(detector_module, name, file)
+    body = (
+        "names = ['face_model', 'person_model'] if request['masks'] else ['face_model']\n"
+        "lacking = [name for name in names if request[name] is None]\n"
+        "if lacking:\n"
+        "    print(json.dumps({'lacking': lacking}))\n"
+        "else:\n"
+        "    words = [open(request[name]).read() for name in names]\n"
+        "    assert words == ['FACE_MODEL', 'PERSON_MODEL'][:len(names)], words\n"
+        "    print(json.dumps({'image': '', 'faces': [[[7.0, 1.5]] * 478]}))"
+    )
+    python = stand_in(tmp_path, body)
+    assert Detector(python).detect([tmp_path / "a.png"])[0][0][0, 0] == 7.0
+    (tmp_path / "masks").mkdir()
+    assert Detector(python).detect([tmp_path / "a.png"], tmp_path / "masks")[0][0][0, 0] == 7.0
+    # A given model is not replaced.
+    (tmp_path / "given").write_text("FACE_MODEL")
+    (tmp_path / "cache" / "neural-strands" / "FACE_MODEL.task").unlink()
+    Detector(python, face_model=tmp_path / "given").detect([tmp_path / "a.png"], tmp_path / "masks")
+    assert not (tmp_path / "cache" / "neural-strands" / "FACE_MODEL.task").exists()
+    (tmp_path / "FACE_MODEL").write_text("another")
+    with pytest.raises(InputError, match=r"expected a file with sha256 .*name it with --option"):
+        Detector(python).detect([tmp_path / "a.png"])
 
 
 def test_a_missing_interpreter_is_told_before_work(tmp_path: Path):

@@ -34,7 +34,7 @@ class Prepare(HeadOptions):
     segmenter: str | None = None
     """Program that makes hair masks, with {image} and {mask} for the paths of a picture and its mask."""
     person_model: Path | None = None
-    """One of MediaPipe's selfie segmenters (.tflite); not needed with mediapipe 0.10.21."""
+    """One of MediaPipe's selfie segmenters (.tflite). Default: like `--face-model`."""
     scale: MetresPerUnit | None = None
     """Metres in one unit of the cameras, if known."""
     pupil_distance: PupilDistance | None = None

@@ -1,19 +1,21 @@
 """Finds faces and people in pictures with MediaPipe, which may be installed in another environment.
 
 MediaPipe requires particular versions of NumPy and OpenCV, so it often needs an environment of its own, in which
-`worker.py` runs. It detects the same 478 landmarks on every face (`topology.py` names those that are used).
+`worker.py` runs. It detects the same 478 landmarks on every face (`topology.py` names those that are used). Its wheels
+up to 0.10.21 contain their models; for later ones, the models that its authors publish are fetched once.
 """
 
 import importlib.util
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
+from neural_strands.foundation.published_files import PublishedFile, find_file
 from neural_strands.foundation.worker import started_worker
 from neural_strands.preparation.face.topology import LANDMARKS
 
@@ -23,6 +25,20 @@ ADVICE = (
     "--detector mediapipe/bin/python, or give the landmarks as a file with --landmarks"
 )
 
+MODELS = "https://storage.googleapis.com/mediapipe-models"
+FACE_MODEL = PublishedFile(
+    ("face_landmarker.task",),
+    f"{MODELS}/face_landmarker/face_landmarker/float16/1/face_landmarker.task",
+    "64184e229b263107bc2b804c6625db1341ff2bb731874b0bcc2fe6544e0bc9ff",
+    "--face-model",
+)
+PERSON_MODEL = PublishedFile(
+    ("selfie_segmenter.tflite",),
+    f"{MODELS}/image_segmenter/selfie_segmenter/float16/1/selfie_segmenter.tflite",
+    "191ac9529ae506ee0beefa6b2c945a172dab9d07d1e802a290a4e4038226658b",
+    "--person-model",
+)
+
 
 @dataclass(frozen=True)
 class Detector:
@@ -30,8 +46,8 @@ class Detector:
 
     Attributes:
         python: an interpreter that has MediaPipe; this one if None.
-        face_model: `face_landmarker.task`; the model inside MediaPipe's wheel (up to 0.10.21) if None.
-        person_model: a selfie segmenter (.tflite); the model inside the wheel if None.
+        face_model: `face_landmarker.task`; if None, the model inside MediaPipe's wheel, or else the published one.
+        person_model: a selfie segmenter (.tflite); if None, the model inside the wheel, or else the published one.
     """
 
     python: Path | None = None
@@ -64,7 +80,7 @@ class Detector:
             For each picture its faces, each (landmark, 2) pixels, pixel centres at +0.5.
 
         Raises:
-            InputError: the detector is missing or failed.
+            InputError: the detector is missing or failed, or lacks a model that cannot be fetched.
         """
         self.check()
         request = {
@@ -79,10 +95,17 @@ class Detector:
                 answer = json.loads(line)
                 if "error" in answer:
                     raise _failure(answer["error"])
+                if "lacking" in answer:
+                    return self._with_models(answer["lacking"]).detect(pictures, masks, description)
                 found.append([_face(face) for face in answer["faces"]])
             if len(found) < len(pictures):
                 raise _failure(worker.last_words())
         return found
+
+    def _with_models(self, lacking: Sequence[str]) -> "Detector":
+        """The same with published models for those that MediaPipe lacks, fetched if necessary."""
+        published = {"face_model": FACE_MODEL, "person_model": PERSON_MODEL}
+        return replace(self, **{name: find_file(published[name]) for name in lacking})
 
 
 def _failure(found: str) -> InputError:

@@ -7,8 +7,9 @@ from this package. It reads a JSON document from standard input,
 
 and answers with one JSON line per image, {"image": path, "faces": [[[x, y], ...], ...]}, coordinates in pixels, the
 centre of the top-left pixel at (0.5, 0.5). Masks of the person are written as PNG under the images' names. With paths
-of models, MediaPipe's Tasks interface is used; without, the models inside its wheels up to 0.10.21. If nothing can be
-done, the first line is {"error": sentence}.
+of models, MediaPipe's Tasks interface is used; without, the models inside its wheels up to 0.10.21. Later wheels have
+none: the only line is then {"lacking": ["face_model", ...]}. If nothing can be done, the first line is
+{"error": sentence}.
 """
 
 import json
@@ -34,6 +35,10 @@ def main() -> int:
         import numpy as np
     except ImportError as error:
         return _answer(answers, {"error": f"{sys.executable} lacks {error.name}"}, 1)
+    needed = ["face_model", "person_model"] if request["masks"] else ["face_model"]
+    lacking = [] if hasattr(mediapipe, "solutions") else [name for name in needed if request[name] is None]
+    if lacking:
+        return _answer(answers, {"lacking": lacking}, 0)
     try:
         find_faces = _face_finder(mediapipe, request["face_model"])
         find_person = _person_finder(mediapipe, np, request["person_model"]) if request["masks"] else None
@@ -63,9 +68,6 @@ def _answer(answers: Any, document: dict, status: int) -> int:
 
 def _face_finder(mediapipe: Any, model: str | None) -> Callable[[Any], list]:
     if model is None:
-        if not hasattr(mediapipe, "solutions"):
-            version = getattr(mediapipe, "__version__", "")
-            raise ValueError(f"mediapipe {version} brings no models: give face_landmarker.task, or install 0.10.21")
         mesh = mediapipe.solutions.face_mesh.FaceMesh(
             static_image_mode=True,
             max_num_faces=MOST_FACES,
@@ -94,7 +96,7 @@ def _face_finder(mediapipe: Any, model: str | None) -> Callable[[Any], list]:
     return find_by_task
 
 
-def _person_finder(mediapipe: Any, np: Any, model: str | None) -> Callable[[Any], Any] | None:
+def _person_finder(mediapipe: Any, np: Any, model: str | None) -> Callable[[Any], Any]:
     if model is not None:
         vision = mediapipe.tasks.vision
         options = vision.ImageSegmenterOptions(
@@ -114,8 +116,6 @@ def _person_finder(mediapipe: Any, np: Any, model: str | None) -> Callable[[Any]
             return coverage.reshape(pixels.shape[:2])
 
         return find_by_task
-    if not hasattr(mediapipe, "solutions"):
-        return None
     selfie = mediapipe.solutions.selfie_segmentation.SelfieSegmentation(model_selection=0)
     return lambda pixels: np.asarray(selfie.process(pixels).segmentation_mask, dtype=np.float32)
 
