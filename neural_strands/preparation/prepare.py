@@ -1,6 +1,7 @@
 """Makes a capture from photographs, in stages that are stored on disk and skipped if their inputs are unchanged.
 
 photographs   upright pictures in sRGB
+person        masks of the person (only if the person turns)
 matches       features and their matches (not with given cameras)
 model         COLMAP's model (not with given cameras)
 cameras       undistorted pictures and their cameras
@@ -58,6 +59,8 @@ from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 STAGES = "preparation"
 """Name of the folder with the stages, in the capture."""
 PERSON = "person"
+PERSON_SURE = 127
+"""Value of the person mask (of 255) above which features are used if the person turns."""
 VOTES = "votes.npz"
 ADVICE = "remove its folder, and the stage is done again"
 VERSIONS = {"photographs": 2, "masks": 2, "template": 2}
@@ -76,6 +79,7 @@ class PrepareRequest:
         segmenter: a command that makes masks of the hair (`masks/segmenter.py`).
         longest_side: largest side of a picture, pixels.
         frames: number of frames to take from a video.
+        subject_turns: whether the person turns before a camera that stands still, instead of the camera moving.
         head: how to find the head.
     """
 
@@ -86,6 +90,7 @@ class PrepareRequest:
     segmenter: str | None = None
     longest_side: int = 2048
     frames: int = 80
+    subject_turns: bool = False
     head: HeadRequest = field(default_factory=HeadRequest)
 
 
@@ -104,6 +109,8 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     """
     check_out(request)
     request.head.check()
+    if request.subject_turns:
+        request.head.detector.check()
     if request.segmenter is not None:
         check_command(request.segmenter)
     with sole_writer(request.out / STAGES):
@@ -207,11 +214,14 @@ class _Run:
             inputs = {"photographs": photographs.digest, "given": poses}
             points = SparsePoints.none()
         else:
+            person = self._person(photographs, listed) if self.request.subject_turns else None
             self.say("Estimating cameras; this takes some minutes.")
             matches = self._stage(
                 "matches",
-                {"photographs": photographs.digest},
-                lambda out: match_photographs(photographs.folder, listed, out),
+                {"photographs": photographs.digest} | ({} if person is None else {"person": person.digest}),
+                lambda out: match_photographs(
+                    photographs.folder, listed, out, None if person is None else person.folder
+                ),
             )
 
             def work(out: Path) -> None:
@@ -227,6 +237,20 @@ class _Run:
             calibrate(photographs.folder, listed, lenses, points, out, self.say)
 
         return self._stage("cameras", inputs, undistort), lenses
+
+    def _person(self, photographs: Stage, listed: Sequence[Photograph]) -> Stage:
+        """Masks of the person in the photographs themselves, before cameras are known, named as COLMAP expects."""
+        detector = self.request.head.detector
+
+        def work(out: Path) -> None:
+            pictures = [photographs.folder / photograph.name for photograph in listed]
+            detector.detect(pictures, out, "finding the person")
+            for picture in pictures:
+                found = read_picture(out / picture.name)[..., 0]
+                write_picture(out / f"{picture.name}.png", np.where(found > PERSON_SURE, 255, 0).astype(np.uint8))
+                (out / picture.name).unlink()
+
+        return self._stage("person", {"photographs": photographs.digest, "detector": _detector_inputs(detector)}, work)
 
     def face(self, cameras: Stage, calibration: Calibration, originals: "_Originals") -> Stage:
         """Landmarks of each view, and masks of the person if the detector makes them."""

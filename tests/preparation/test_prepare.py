@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from neural_strands.capture.head import read_head
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
+from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.photographs.folder import read_picture, write_picture
 from neural_strands.preparation.prepare import prepare
 
@@ -190,6 +192,19 @@ def test_what_is_the_users_is_left_alone(scene: Scene, prepared, tmp_path: Path)
     for changes in ({"photographs": out / "images"}, {"masks": out / "masks"}):
         with pytest.raises(InputError, match="expected a folder outside"):
             prepare(scene.request(out, **changes), print)
+
+
+def test_wrong_files_are_told_before_anything_is_computed(scene: Scene, tmp_path: Path):
+    marks, flame = tmp_path / "marks.json", tmp_path / "flame.pkl"
+    marks.write_text(json.dumps({"0.png": {"nostril": [1, 2]}}))
+    flame.write_bytes(b"no pickle")
+    request = scene.request(tmp_path / "capture")
+    with pytest.raises(InputError, match="expected landmarks out of"):
+        prepare(replace(request, head=replace(request.head, landmarks=marks)), print)
+    detector = Detector(Path(sys.executable))
+    with pytest.raises(InputError, match="expected FLAME's model"):
+        prepare(replace(request, head=replace(request.head, template=flame, detector=detector)), print)
+    assert not (tmp_path / "capture").exists()
 
 
 def test_a_full_disk_keeps_the_stages_that_are_done(scene: Scene, tmp_path: Path):

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
-from neural_strands.preparation.cameras.register import match_photographs, register
+from neural_strands.preparation.cameras.register import DATABASE, match_photographs, register
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, write_picture
 
 pytest.importorskip("pycolmap")
@@ -20,7 +21,28 @@ def folders(tmp_path: Path) -> tuple[Path, Path, Path]:
     return made
 
 
-def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path):
+def test_outside_the_masks_of_a_person_who_turns_are_no_features(tmp_path: Path):
+    import pycolmap
+
+    images, matches, masks = folders(tmp_path)
+    random = np.random.default_rng(0)
+    shots = []
+    for k in range(3):
+        cells = random.integers(0, 256, (24, 32, 3), dtype=np.uint8)
+        write_picture(images / f"{k}.png", cv2.resize(cells, (256, 192), interpolation=cv2.INTER_CUBIC))
+        mask = np.zeros((192, 256), np.uint8)
+        mask[:, 128:] = 255
+        write_picture(masks / f"{k}.png.png", mask)
+        shots.append(Photograph(f"{k}.png", f"{k}.jpg", 256, 192, 220.0))
+    match_photographs(images, shots, matches, masks)
+    with pycolmap.Database.open(matches / DATABASE) as database:
+        places = [database.read_keypoints(image.image_id)[:, 0] for image in database.read_all_images()]
+    assert len(places) == 3
+    assert all(len(across) > 10 for across in places)
+    assert min(across.min() for across in places) > 126
+
+
+def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
     images, matches, model = folders(tmp_path)
     random = np.random.default_rng(0)
     shots = []
@@ -31,6 +53,7 @@ def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path):
     with pytest.raises(InputError, match="4 photographs: expected them to overlap") as caught:
         register(images, shots, matches, model, lambda _: None)
     assert "\n" not in str(caught.value)
+    assert "error" not in capfd.readouterr().err.lower()
 
 
 @pytest.mark.slow(seconds=50)

@@ -44,6 +44,8 @@ class Prepare(HeadOptions):
     """Larger photographs are reduced to this many pixels along the longer side."""
     frames: FrameCount = 80
     """Frames to take from a video: the sharpest one of each of this many intervals."""
+    subject_turns: bool = False
+    """The person turned before a camera that stood still: the background is ignored when cameras are estimated."""
     json: bool = False
     """Print the figures as one JSON object."""
 
@@ -59,6 +61,7 @@ class Prepare(HeadOptions):
             self.segmenter,
             self.longest_side,
             self.frames,
+            self.subject_turns,
             self.head_request(self.scale, self.pupil_distance, self.person_model),
         )
         figures = prepare(request, say)

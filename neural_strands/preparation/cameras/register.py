@@ -45,8 +45,15 @@ POINT_ERROR = 2.0
 DATABASE = "database.db"
 
 
-def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path) -> None:
+def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path, person: Path | None = None) -> None:
     """Detect features in all photographs and match them in pairs; writes COLMAP's database into `out`.
+
+    Args:
+        images: folder of the photographs.
+        photographs: the photographs in that folder.
+        out: an existing folder.
+        person: folder of masks NAME.png.png, outside which features are ignored: what stays still behind a person who
+            turns would suggest that the camera stayed still, too.
 
     Raises:
         InputError: pycolmap is not installed.
@@ -57,6 +64,8 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
         options = pycolmap.ImageReaderOptions()
         options.camera_model = "OPENCV" if len(group) >= SHARED_LENS else "SIMPLE_RADIAL"
         options.default_focal_length_factor = DEFAULT_FOCALS[0]
+        if person is not None:
+            options.mask_path = person
         first = group[0]
         if first.focal > 0:
             values = [first.focal] * (2 if options.camera_model == "OPENCV" else 1)
@@ -240,5 +249,6 @@ def _pycolmap() -> Any:
             "Finding cameras: expected the package pycolmap, found none; run `pip install 'neural-strands[photos]'`, "
             "or give cameras with --cameras."
         ) from error
-    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
+    # What it reports as an error, such as that no model was found, becomes one sentence here.
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
     return pycolmap

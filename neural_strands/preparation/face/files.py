@@ -60,8 +60,7 @@ def read_marks(
     Raises:
         InputError: the file is malformed, names an unknown landmark, or marks none of the pictures.
     """
-    document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
-    marked = {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items()}
+    marked = parse_marks(path)
     found = []
     for name in names:
         face = marked.get(Path(name).stem.lower())
@@ -72,6 +71,16 @@ def read_marks(
             f"{len(marked)} others; use the photographs' names, or set landmarks on those."
         )
     return found
+
+
+def parse_marks(path: Path) -> dict[str, np.ndarray]:
+    """Read such a file: the landmarks (landmark, 2) of each photograph, by its name in small letters without a suffix.
+
+    Raises:
+        InputError: the file is malformed, or names an unknown landmark.
+    """
+    document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
+    return {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items()}
 
 
 def _moved(face: np.ndarray, name: str, to_picture: Callable[[str, np.ndarray], np.ndarray]) -> np.ndarray:

@@ -4,7 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.files import parse_marks
 from neural_strands.preparation.head.fit import KnownSize
+from neural_strands.preparation.head.template import load_template
 
 
 @dataclass(frozen=True)
@@ -28,10 +30,14 @@ class HeadRequest:
     bend: bool = True
 
     def check(self) -> None:
-        """Check that the detector exists if it is needed, before anything is computed.
+        """Check the files, and that the detector exists if it is needed, before anything is computed.
 
         Raises:
-            InputError: an interpreter or a model is missing.
+            InputError: an interpreter or a model is missing, or a file of landmarks or a template is malformed.
         """
         if self.landmarks is None or self.template is not None:
             self.detector.check()
+        if self.landmarks is not None:
+            parse_marks(self.landmarks)
+        if self.template is not None:
+            load_template(self.template, self.scalp)

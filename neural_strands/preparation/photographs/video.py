@@ -1,5 +1,6 @@
 """Imports photographs from a video: the sharpest frame of each stretch."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from neural_strands.preparation.photographs.folder import FEWEST, Photograph, wr
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 """Suffixes of videos, in upper or lower case."""
+QUIET = "-8"
+"""FFmpeg's level of messages at which it reports nothing."""
 JUDGED_SIDE = 320
 """Longer side at which the sharpness of frames is measured, pixels: noise averages out, motion blur remains."""
 
@@ -35,6 +38,8 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
     Raises:
         InputError: the video does not decode, or has too few frames.
     """
+    # Otherwise its decoder writes lines of its own to the terminal. A value that the user set is kept.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", QUIET)
     capture = cv2.VideoCapture(str(path))
     try:
         expected = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
