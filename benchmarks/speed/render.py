@@ -29,6 +29,8 @@ from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
 from neural_strands.raster.lines import LineConfig, rasterise_lines
+from neural_strands.raster.splat import SplatMap
+from neural_strands.raster.visible import visible_points
 from neural_strands.scalp.roots import Roots
 
 RADIUS = 0.09
@@ -108,13 +110,18 @@ def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]
     fine = camera.resized(camera.width * factor, camera.height * factor)
     body = model.body(fine)
     lines = rasterise_lines(strands.points, fine, body.depth, model.lines)
-    maps = model.splat_descriptors(strands, lines, camera, volume=volume)
+
+    def splatted() -> list[SplatMap]:
+        visible = visible_points(lines, strands.points, factor, strands.t)
+        return model.splat_descriptors(strands, visible, camera, volume=volume)
+
+    maps = splatted()
     stages = {
         "decode": model.decode,
         "body": lambda: model.body(fine),
         "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.lines),
         "volume": lambda: hair_volume(strands.points),
-        "splat": lambda: model.splat_descriptors(strands, lines, camera, volume=volume),
+        "splat": splatted,
         "unet": lambda: model.generate(maps, camera),
         "static_frame": lambda: renderer.render(camera),
         "dynamic_frame": lambda: HairRenderer.of(model).render(camera),

@@ -13,6 +13,9 @@ ROUNDS = 8
 """Largest number of rotations of a step until it ends outside."""
 CLEARANCE = 0.001
 """Height above the skin that strands keep, metres, unless they were lower to begin with."""
+LEAST = 0.0005
+"""Height above the skin to which points that start lower are led, metres; more than the error of distances that are
+interpolated between samples 2.5 mm apart, at ears for instance."""
 LED_OUT = 1.0
 """Time after which no moving point is inside the body, seconds."""
 
@@ -25,14 +28,14 @@ def rest_clearance(
 
 
 def clearance_at(rest: Float[Tensor, "strand point"], seconds: float) -> Float[Tensor, "strand point"]:
-    """Least height of every point at a time of the motion: points that start inside are lifted out gradually.
+    """Least height of every point at a time of the motion: points that start below `LEAST` are lifted gradually.
 
     Args:
         rest: result of `rest_clearance`.
         seconds: time since the hair was at rest.
     """
     share = min(max(seconds / LED_OUT, 0.0), 1.0)
-    return torch.lerp(rest, rest.clamp(min=0.0), share)
+    return torch.lerp(rest, rest.clamp(min=LEAST), share)
 
 
 def follow_outside(

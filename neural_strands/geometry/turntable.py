@@ -41,7 +41,7 @@ def turntable_cameras(
         raise ValueError("expected strands with finite points to turn around, found none")
     centre = 0.5 * (flat.min(dim=0).values + flat.max(dim=0).values)
     distance = (flat - centre).norm(dim=1)
-    radius = float(distance.sort().values[int(FARTHEST * (len(distance) - 1))])
+    radius = float(distance.kthvalue(1 + int(FARTHEST * (len(distance) - 1))).values)
     away = FRAMING * max(radius, 1e-3) / math.sin(FIELD_OF_VIEW / 2)
     focal = 0.5 * min(size) / math.tan(FIELD_OF_VIEW / 2)
     cameras = []

@@ -41,7 +41,7 @@ from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
 from neural_strands.raster.splat import MINIMUM_WEIGHT, SplatMap, splat_pyramid
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
-from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
+from neural_strands.raster.visible import VisiblePoints, interpolate_knots, visible_directions, visible_points
 from neural_strands.scalp.roots import Roots
 
 BACKGROUND_THROUGH = 0.1
@@ -94,6 +94,24 @@ class Drawing(NamedTuple):
 
     body: TriangleBuffer
     lines: LineBuffer
+
+
+class HairImage(NamedTuple):
+    """The hair alone in one view.
+
+    Attributes:
+        rgb: linear colour.
+        alpha: opacity.
+        coverage: share of each pixel covered by strands.
+        drawing: strands and body as the camera sees them.
+        visible: the points of strands that are seen.
+    """
+
+    rgb: Float[Tensor, "height width 3"]
+    alpha: Float[Tensor, "height width"]
+    coverage: Float[Tensor, "height width"]
+    drawing: Drawing
+    visible: VisiblePoints
 
 
 @dataclass(frozen=True)
@@ -236,15 +254,10 @@ class HairModel(nn.Module):
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        factor = self.config.supersample
-        # Computed before the camera moves to the device, so that the host need not wait for it.
-        turn = self.rotation_to_seen(camera)
-        camera = camera.to(self.root_uv.device)
-        drawing = self.draw(strands, camera)
-        body = self.body(camera, drawing.body, None if light is None else light.skin)
-        maps = self.splat_descriptors(strands, drawing.lines, camera, turn, blur, volume, light)
-        hair, alpha = self._hair(maps, camera, turn).split([3, 1], dim=2)
-        alpha = alpha[..., 0]
+        hair = self.render_hair(strands, camera, blur, volume, light)
+        camera, factor, alpha = camera.to(self.root_uv.device), self.config.supersample, hair.alpha
+        seen = hair.drawing.body
+        body = self.body(camera, seen, None if light is None else light.skin)
         share = area_mean(body.coverage[..., None], factor)
         skin, background = area_mean(body.colour, factor), self.background(camera)
         if gradient_weights is None:
@@ -254,14 +267,32 @@ class HairModel(nn.Module):
             skin = weighted_gradient(skin, gradient_weights.body)
             background = weighted_gradient(background, gradient_weights.background)
         behind = skin + (1 - share) * background
-        rgb = to_srgb(compose(hair, alpha, behind))
-        coverage = (maps[0].coverage / factor**2).clamp(max=1.0)
-        return RenderOutput(rgb, alpha, hair, behind, coverage, drawing.lines, drawing.body.depth)
+        rgb = to_srgb(compose(hair.rgb, alpha, behind))
+        return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, hair.drawing.lines, seen.depth)
+
+    def render_hair(
+        self,
+        strands: Strands,
+        camera: Camera,
+        blur: float = 0.0,
+        volume: HairVolume | None = None,
+        light: LightChange | None = None,
+    ) -> HairImage:
+        """Render the hair alone from one view; the arguments and errors are those of `render`."""
+        # Computed before the camera moves to the device, so that the host need not wait for it.
+        turn = self.rotation_to_seen(camera)
+        camera = camera.to(self.root_uv.device)
+        drawing = self.draw(strands, camera)
+        visible = visible_points(drawing.lines, strands.points, self.config.supersample, strands.t)
+        maps = self.splat_descriptors(strands, visible, camera, turn, blur, volume, light)
+        rgb, alpha = self._hair(maps, camera, turn).split([3, 1], dim=2)
+        coverage = (maps[0].coverage / self.config.supersample**2).clamp(max=1.0)
+        return HairImage(rgb, alpha[..., 0], coverage, drawing, visible)
 
     def splat_descriptors(
         self,
         strands: Strands,
-        lines: LineBuffer,
+        visible: VisiblePoints,
         camera: Camera,
         turn: Float[Tensor, "3 3"] | None = None,
         blur: float = 0.0,
@@ -275,7 +306,6 @@ class HairModel(nn.Module):
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        visible = visible_points(lines, strands.points, self.config.supersample, strands.t)
         appearance = interpolate_knots(self.textures.sample_appearance(strands.chart_positions(), blur), visible)
         direction = visible_directions(strands.points, visible)
         view = functional.normalize(visible.world - camera.position, dim=1)

@@ -7,7 +7,7 @@ import torch
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.hair_model import HairModel, RenderOutput
+from neural_strands.model.hair_model import HairImage, HairModel, RenderOutput
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import BakedLight, LightChange
 from neural_strands.model.thickness import strand_widths
@@ -86,6 +86,11 @@ class HairRenderer:
     def render(self, camera: Camera) -> RenderOutput:
         """Render one view, of any size."""
         return self.model.render(self.strands, camera, volume=self.volume, light=self.light)
+
+    @torch.no_grad()
+    def render_hair(self, camera: Camera) -> HairImage:
+        """Render the hair alone, without what lies behind it."""
+        return self.model.render_hair(self.strands, camera, volume=self.volume, light=self.light)
 
     @cached_property
     def _baked(self) -> BakedLight:

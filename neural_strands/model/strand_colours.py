@@ -10,13 +10,12 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.raster.visible import visible_points
 
 VIEWS = 6
 """Cameras around the hair, at each of two heights."""
 HEIGHTS = (0.1, 0.8)
 """Heights of these cameras above the hair's centre, radians."""
-SIZE = (384, 384)
+SIZE = (256, 256)
 """Size of their pictures, pixels."""
 FARTHEST = 1.0
 """Distance between roots, metres, up to which a strand that no view sees takes its nearest neighbour's colour."""
@@ -47,8 +46,8 @@ def strand_colours(renderer: HairRenderer, cameras: Sequence[Camera]) -> Float[T
 
 def _view_colours(renderer: HairRenderer, camera: Camera) -> Float[Tensor, "strand 3"]:
     """Mean colour of the pixels that show each strand in one view; NaN where none does."""
-    strands, output = renderer.strands, renderer.render(camera)
-    visible = visible_points(output.lines, strands.points, renderer.model.config.supersample, strands.t)
-    light = output.hair_rgb.clamp(0, 1).reshape(-1, 3)[visible.pixel] * visible.weight[:, None]
+    hair, strands = renderer.render_hair(camera), renderer.strands
+    visible = hair.visible
+    light = hair.rgb.clamp(0, 1).reshape(-1, 3)[visible.pixel] * visible.weight[:, None]
     total = light.new_zeros(len(strands), 3).index_add_(0, visible.strand, light)
     return total / total.new_zeros(len(strands)).index_add_(0, visible.strand, visible.weight)[:, None]

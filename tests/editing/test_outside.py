@@ -7,6 +7,7 @@ from tiny_hair import RADIUS, tiny_hair_model
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.outside import (
     CLEARANCE,
+    LEAST,
     clearance_at,
     follow_outside,
     follow_outside_reference,
@@ -69,4 +70,5 @@ def test_points_inside_stay_at_first_and_are_led_out_within_a_second(ball):
         assert (after - before).norm(dim=-1).max() < 8e-3
         before = after
     assert torch.allclose(follow_outside(points[:, 0], steps, ball, clearance_at(clearance, 0.0)), points, atol=1e-6)
-    assert (before[:, 1:].norm(dim=-1) > RADIUS - 1e-3).all()
+    # The ball's faces lie up to 0.2 mm inside its sphere.
+    assert (before[:, 1:].norm(dim=-1) > RADIUS + LEAST - 3e-4).all()

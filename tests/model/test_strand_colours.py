@@ -11,13 +11,13 @@ from neural_strands.model.strand_colours import cameras_around, strand_colours
 
 def test_hair_that_renders_in_one_colour_has_that_colour(monkeypatch):
     renderer = HairRenderer.of(tiny_hair_model(100))
-    render = HairRenderer.render
+    render = HairRenderer.render_hair
 
     def painted(self, camera):
-        output = render(self, camera)
-        return replace(output, hair_rgb=torch.tensor([1.0, 0.5, 0.0]).expand_as(output.hair_rgb))
+        image = render(self, camera)
+        return image._replace(rgb=torch.tensor([1.0, 0.5, 0.0]).expand_as(image.rgb))
 
-    monkeypatch.setattr(HairRenderer, "render", painted)
+    monkeypatch.setattr(HairRenderer, "render_hair", painted)
     colours = strand_colours(renderer, cameras_around(renderer)[:3])
     assert torch.allclose(colours, torch.tensor([1.0, 0.5, 0.0]).expand(100, 3), atol=1e-5)
 
