@@ -8,6 +8,7 @@ import pytest
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
+from neural_strands.preparation.cameras import register as register_module
 from neural_strands.preparation.cameras.register import DATABASE, match_photographs, register
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, write_picture
 
@@ -40,6 +41,18 @@ def test_outside_the_masks_of_a_person_who_turns_are_no_features(tmp_path: Path)
     assert len(places) == 3
     assert all(len(across) > 10 for across in places)
     assert min(across.min() for across in places) > 126
+
+
+@pytest.mark.parametrize(
+    ("size", "cores", "threads"),
+    [((512, 512), 8, 8), ((2048, 1365), 16, 3), ((6000, 4000), 16, 1), ((2048, 1365), 2, 2)],
+)
+def test_detectors_at_work_at_once_fit_into_memory(size, cores, threads, monkeypatch: pytest.MonkeyPatch):
+    import pycolmap
+
+    monkeypatch.setattr(register_module.os, "cpu_count", lambda: cores)
+    options = register_module._extraction(pycolmap, [Photograph("a.png", "a.jpg", *size, 0.0)] * 3)
+    assert options.num_threads == threads
 
 
 def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str]):

@@ -6,6 +6,7 @@ adjustment: portraits are often cropped off centre, and with a fixed principal p
 
 import itertools
 import math
+import os
 import shutil
 import tempfile
 from collections import defaultdict
@@ -42,6 +43,10 @@ SEEN_BY = 3
 """Smallest number of photographs that must see a point."""
 POINT_ERROR = 2.0
 """Largest mean reprojection error of a point, pixels."""
+PIXEL_MEMORY, FEATURE_MEMORY = 320, 3e9
+"""Bytes that COLMAP's detector takes for each pixel of a photograph, and that all of its threads together may take."""
+LARGEST_DETECTED = 3200
+"""Longer side to which COLMAP itself reduces photographs when it detects features, pixels."""
 DATABASE = "database.db"
 
 
@@ -79,10 +84,21 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
                 image_names=[photograph.name for photograph in group],
                 camera_mode=pycolmap.CameraMode.SINGLE,
                 reader_options=options,
+                extraction_options=_extraction(pycolmap, group),
                 device=pycolmap.Device.cpu,
             )
     with _reported_errors():
         pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+
+
+def _extraction(pycolmap: Any, group: Sequence[Photograph]) -> Any:
+    """Options of the detector: as many threads as the memory allows, each of which works on one photograph."""
+    options = pycolmap.FeatureExtractionOptions()
+    sizes = [(shot.width, shot.height) for shot in group]
+    shrunk = [min(1.0, LARGEST_DETECTED / max(size)) for size in sizes]
+    pixels = max(width * height * scale**2 for (width, height), scale in zip(sizes, shrunk, strict=True))
+    options.num_threads = max(1, min(os.cpu_count() or 1, int(FEATURE_MEMORY / (PIXEL_MEMORY * pixels))))
+    return options
 
 
 def register(
