@@ -1,7 +1,6 @@
 """Evaluates a finished or stopped fit."""
 
 import copy
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +33,6 @@ from neural_strands.model.files import load_hair_model
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.outputs import strands_unseen
 from neural_strands.runs.run_folder import RunFolder, fingerprint, found_again, read_description
-from neural_strands.runs.run_log import read_log
 from neural_strands.scalp.head import Head
 
 
@@ -173,19 +171,6 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         render_ms=1e3 * render.median,
         lpips_note=absent or training_note(TRAINING_NETWORK),
     )
-
-
-def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
-    """Loss curves of a run's log, thinned to at most 400 averages each; empty without a log."""
-    rows = read_log(path)
-    names = {name for row in rows for name in row} - {"step", "seconds"}
-    width = max(1, math.ceil(len(rows) / 400))
-    series: dict[str, list[tuple[float, float]]] = {}
-    for name in sorted(names):
-        points = [(row["step"], row[name]) for row in rows if name in row]
-        blocks = [points[start : start + width] for start in range(0, len(points), width)]
-        series[name] = [(block[-1][0], sum(y for _, y in block) / len(block)) for block in blocks]
-    return series
 
 
 def _rendered_views(run: RunContents, photographs: Views, in_views: list[StrandsInView]) -> Iterator[RenderedView]:

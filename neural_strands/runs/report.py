@@ -16,9 +16,9 @@ from neural_strands.pictures.encoding import encode_png, encode_webp, write_png
 from neural_strands.pictures.fields import difference_picture
 from neural_strands.pictures.lines import lines_over_photograph, lines_picture
 from neural_strands.pictures.plots import curves_plot
-from neural_strands.runs.evaluate import Evaluation, RunContents, read_losses
+from neural_strands.runs.evaluate import Evaluation, RunContents
 from neural_strands.runs.run_folder import read_description
-from neural_strands.runs.run_log import loss_label
+from neural_strands.runs.run_log import loss_label, read_losses
 
 PAPER_ROWS = {
     "paper, short: LMVS": ((56.91, 12.11, 19.98), (93.42, 30.29, 45.75), (98.85, 46.62, 63.36)),

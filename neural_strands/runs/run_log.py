@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 from contextlib import suppress
 from pathlib import Path
 
@@ -76,6 +77,19 @@ def read_log(path: Path) -> list[dict[str, float]]:
     if len(rows) < len(lines):
         log.warning("%s: %d of %d lines cannot be read and are left out.", path, len(lines) - len(rows), len(lines))
     return rows
+
+
+def read_losses(path: Path) -> dict[str, list[tuple[float, float]]]:
+    """Loss curves of a run's log, thinned to at most 400 averages each; empty without a log."""
+    rows = read_log(path)
+    names = {name for row in rows for name in row} - {"step", "seconds"}
+    width = max(1, math.ceil(len(rows) / 400))
+    series: dict[str, list[tuple[float, float]]] = {}
+    for name in sorted(names):
+        points = [(row["step"], row[name]) for row in rows if name in row]
+        blocks = [points[start : start + width] for start in range(0, len(points), width)]
+        series[name] = [(block[-1][0], sum(y for _, y in block) / len(block)) for block in blocks]
+    return series
 
 
 def _lines(path: Path) -> list[str]:

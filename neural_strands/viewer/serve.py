@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 POLL_SECONDS = 2.0
 """Interval at which a run is checked for a newer state, seconds."""
 PREPARE_SECONDS = 5.0
-"""Time for the first pictures before the distance to the head is sampled, seconds."""
+"""Time for the first pictures before light and the distance to the head are prepared for edits, seconds."""
 
 
 class ServedPage:
@@ -90,10 +90,12 @@ class ServedPage:
         return True
 
     def _prepare(self) -> None:
+        if self._closed.wait(PREPARE_SECONDS):
+            return
         scene = self.page.scene
         if scene.unedited is not None:
             scene.unedited.prepare_edits()
-        if scene.fitted is not None and not self._closed.wait(PREPARE_SECONDS):
+        if scene.fitted is not None and not self._closed.is_set():
             _ = scene.fitted.body_grid
 
     def _complain(self, error: InputError) -> None:

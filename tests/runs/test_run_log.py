@@ -5,8 +5,7 @@ import math
 
 import pytest
 
-from neural_strands.runs.evaluate import read_losses
-from neural_strands.runs.run_log import RunLog, read_log
+from neural_strands.runs.run_log import RunLog, read_log, read_losses
 
 
 @pytest.fixture

@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from neural_strands.runs.evaluate import read_losses
 from neural_strands.runs.run_folder import RunFolder, read_description
-from neural_strands.runs.run_log import loss_label
+from neural_strands.runs.run_log import loss_label, read_losses
 
 if TYPE_CHECKING:
     import viser

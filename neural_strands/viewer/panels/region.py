@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-import trimesh
 from jaxtyping import Float
 from torch import Tensor
 
@@ -91,6 +90,9 @@ class RegionBrush:
         roots, _ = self._roots()
         if len(roots):
             first = roots[roots[:, 1:].sum(dim=1).argmax()]
+            # Loaded here because it takes longer than the rest of the page's code.
+            import trimesh
+
             sphere = trimesh.creation.icosphere(subdivisions=3, radius=BALL)
             ball = Mesh(torch.from_numpy(sphere.vertices).float(), torch.from_numpy(sphere.faces).long())
             handle = self._page.server.scene.add_glb(BRUSH, clay_glb(ball, COLOUR), position=first.cpu().numpy())
