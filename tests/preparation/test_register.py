@@ -51,7 +51,7 @@ def test_detectors_at_work_at_once_fit_into_memory(size, cores, threads, monkeyp
     import pycolmap
 
     monkeypatch.setattr(register_module.os, "cpu_count", lambda: cores)
-    options = register_module._extraction(pycolmap, [Photograph("a.png", "a.jpg", *size, 0.0)] * 3)
+    options = register_module._extraction(pycolmap, [Photograph("a.png", "a.jpg", size[0], size[1])] * 3)
     assert options.num_threads == threads
 
 
