@@ -3,9 +3,10 @@
     python benchmarks/speed/edit.py
 
 The hair is that of benchmarks/speed/render.py: strands of the shipped generator on a hemisphere of 9 cm. A cut counts
-with the first frame of 512 x 512 that shows it; the light of the fitted hair, which the page works out when it opens,
-counts by itself. An export counts with the colours that the groom has already, wind with everything that is prepared
-before its first frame. Prints one JSON object.
+with the first frame of 512 x 512 that shows it; the light of the fitted hair, which the page works out in advance,
+counts by itself. USD is written once with the colours that the groom has already, and once as `export` does it, with
+guides and with colours rendered from all sides. Wind counts with everything that is prepared before its first frame.
+Prints one JSON object.
 """
 
 import json
@@ -29,6 +30,8 @@ from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.scenes.alembic import Blender
 from neural_strands.grooms.scenes.scene import Scene, write_scene
 from neural_strands.model.renderer import HairRenderer
+from neural_strands.runs.edited import EditedHair
+from neural_strands.runs.export import ExportConfig, export_hair
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ def main(arguments: Arguments) -> None:
             **seconds(lambda: write_scene(path, Scene(groom), Blender())),
             "megabytes": round(path.stat().st_size / 1e6, 1),
         }
+        opened = EditedHair(path, hair, (), hair)
+        figures["export"] = seconds(lambda: export_hair(opened, path, ExportConfig(), Blender()))
     few = replace(hair, strands=hair.strands.select(torch.arange(arguments.blown)))
     wind = Wind(seconds=arguments.frames / 24, fps=24.0)
 
