@@ -6,10 +6,10 @@ between processes, makes the same choices as an uninterrupted one.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.nn import Parameter
 
@@ -27,15 +27,15 @@ from neural_strands.fitting.schedule import (
     rate_factor,
     released_points,
 )
-from neural_strands.fitting.seen_points import seen_points
+from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.fitting.streaks import streak_loss
 from neural_strands.fitting.surround_weights import surround_weights
 from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import HairVolume, hair_volume
-from neural_strands.raster.lines import rasterise_lines
 
 REFRESH_EVERY = 10
 """Number of shape steps after which all remembered strands are decoded again, not only those of the current step."""
@@ -201,9 +201,30 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
     if config.initialise == "flow":
         total = total + weights.first * losses.first
+    figures = {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first")}
+    if data.streaks:
+        streaks = _streak_part(state, data, strands, index, config, random)
+        total, figures = total + weights.streaks * streaks, figures | {"streaks": streaks.detach()}
     (total / workers.count).backward()
     state.remembered[index] = strands.detach()
-    return {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first")}
+    return figures
+
+
+def _streak_part(
+    state: FitState,
+    data: FitData,
+    strands: Float[Tensor, "some point 3"],
+    index: Int64[Tensor, " some"],
+    config: FitConfig,
+    random: torch.Generator,
+) -> Float[Tensor, ""]:
+    """Compare the decoded strands with the streaks of some views, as far as these see them."""
+    chosen = torch.randperm(len(data.streaks), generator=random)[: config.streaks.views].tolist()
+    views = [data.streaks[view] for view in chosen]
+    fronts = [front_segments(state.model, state.remembered, view.camera) for view in views]
+    row = index.new_full((len(state.remembered),), -1)
+    row[index] = torch.arange(len(index), device=index.device)
+    return streak_loss(strands, row, views, fronts, config.streaks.pixels, random)
 
 
 def _image_part(
@@ -246,9 +267,7 @@ def _image_part(
 def _with_gradient(state: FitState, target: View, config: FitConfig) -> Float[Tensor, "root point 3"]:
     """All strands; those visible in the view are decoded with a (scaled) gradient into the shape texture."""
     model = state.model
-    body = model.body(target.camera)
-    lines = replace(model.lines, width=0.0)
-    seen = rasterise_lines(state.drawn, target.camera, body.depth, lines).segment
+    seen = front_segments(model, state.drawn, target.camera)
     strands = len(state.drawn)
     strand = torch.where(seen >= 0, seen // (state.drawn.shape[1] - 1), strands)
     flags = torch.zeros(strands + 1, dtype=torch.bool, device=seen.device).index_fill_(0, strand.view(-1), True)

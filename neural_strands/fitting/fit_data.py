@@ -1,6 +1,6 @@
 """Inputs of a fit: the training views, loaded one at a time, the line segments and the head."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool
@@ -12,8 +12,10 @@ from neural_strands.capture.hold_out import FEWEST_VIEWS, training_views
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.losses import OrientedTargets
 from neural_strands.fitting.regions import random_square
+from neural_strands.fitting.streaks import StreakConfig, Streaks, find_streaks
 from neural_strands.fitting.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -39,6 +41,7 @@ class FitData:
         segments: oriented line segments.
         targets: points on the segments, indexed for the geometric loss.
         distance: signed distance to the head, on a grid around the hair.
+        streaks: streaks of the training views; empty if the fit does not use them.
     """
 
     views: Views
@@ -46,6 +49,7 @@ class FitData:
     segments: LineSegments
     targets: OrientedTargets
     distance: SignedDistanceGrid
+    streaks: tuple[Streaks, ...] = ()
 
     def hair_pixels(self, target: View) -> Bool[Tensor, "height width"]:
         """Pixels of a view that show hair: its mask or, without one, the rasterised segments."""
@@ -84,12 +88,20 @@ def gather_fit_data(
     check_inputs(seen, segments, head)
     segments, head = segments.to(device), head.to(device)
     grid = PointGrid.build(segments.points, config.chamfer.surface_radius / 2)
-    return FitData(
+    data = FitData(
         views=seen.views_on(device),
         head=head,
         segments=segments,
         targets=OrientedTargets(segments.points, segments.directions, grid),
         distance=head_distance_grid(head.mesh) if distance is None else distance,
+    )
+    return data if config.weights.streaks == 0 else replace(data, streaks=_streaks(data, config.streaks))
+
+
+def _streaks(data: FitData, config: StreakConfig) -> tuple[Streaks, ...]:
+    views = data.views.reduced(config.longest_side)
+    return tuple(
+        find_streaks(view, data.hair_pixels(view)) for view in track(views, "streaks of the photographs", len(views))
     )
 
 

@@ -1,0 +1,117 @@
+"""Streaks in the photographs' hair, and the loss that turns visible strands along them.
+
+The paper's images reach the shape through rendered colours alone. Streaks say more directly which way visible hair
+runs, where stereo finds no segments as well.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from jaxtyping import Bool, Float, Float16, Int32, Int64
+from torch import Tensor
+
+from neural_strands.foundation.configs import Between
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.views import View
+from neural_strands.lmvs.orientation import OrientationConfig, luma, orientation_map
+
+SMOOTH = 1e-3
+"""Squared sine below which the loss is quadratic (1.8 degrees)."""
+
+
+@dataclass(frozen=True)
+class StreakConfig:
+    """How strands are compared with the photographs' streaks."""
+
+    views: Annotated[int, Between(1, 1000)] = 4
+    """Views compared in one shape step."""
+    pixels: Annotated[int, Between(1, 10_000_000)] = 40_000
+    """Pixels compared in each of them."""
+    longest_side: Annotated[int, Between(16, 16384)] = 1024
+    """Photographs are reduced to this many pixels along their longer side."""
+
+
+@dataclass(frozen=True)
+class Streaks:
+    """Streaks of one view, where it shows hair.
+
+    Attributes:
+        camera: the view at the resolution of the streaks.
+        pixel: row * width + column of each pixel.
+        streak: its confidence times the cosine and sine of twice its angle (see `lmvs.orientation`).
+    """
+
+    camera: Camera
+    pixel: Int32[Tensor, " pixel"]
+    streak: Float16[Tensor, "pixel 2"]
+
+
+def find_streaks(view: View, hair: Bool[Tensor, "height width"]) -> Streaks:
+    """Find the streaks of a view.
+
+    Args:
+        view: the photograph.
+        hair: which of its pixels show hair.
+    """
+    seen = orientation_map(luma(view.image), OrientationConfig())
+    pixel = torch.nonzero(hair.reshape(-1)).squeeze(1)
+    angle, confidence = (2 * seen.angle.reshape(-1))[pixel], seen.confidence.reshape(-1)[pixel]
+    streak = confidence[:, None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
+    return Streaks(view.camera, pixel.int(), streak.half())
+
+
+def streak_loss(
+    strands: Float[Tensor, "some point 3"],
+    row: Int64[Tensor, " root"],
+    views: Sequence[Streaks],
+    fronts: Sequence[Int64[Tensor, "height width"]],
+    pixels: int,
+    random: torch.Generator,
+) -> Float[Tensor, ""]:
+    """Mean sine of the angle between visible strands and the streaks of photographs, over pixels of several views.
+
+    A pixel counts by the confidence of its streak, and less where the strand runs towards the camera: its direction in
+    the picture then says little.
+
+    Args:
+        strands: the strands that a step decoded.
+        row: for every strand, its place among `strands`, or -1 if it was not decoded.
+        views: the streaks of the views.
+        fronts: for each of these views, the frontmost segment of all strands at each pixel, -1 if there is none.
+        pixels: number of pixels drawn in each view.
+        random: draws them.
+    """
+    total, weight = strands.new_zeros(()), strands.new_zeros(())
+    for streaks, front in zip(views, fronts, strict=True):
+        if len(streaks.pixel) == 0:
+            continue
+        drawn = torch.randint(len(streaks.pixel), (pixels,), generator=random).to(strands.device)
+        segment = front.reshape(-1)[streaks.pixel[drawn].long()]
+        place = torch.where(segment >= 0, row[segment.clamp(min=0) // (strands.shape[1] - 1)], -1)
+        kept = torch.nonzero(place >= 0).squeeze(1)
+        place, point = place[kept], segment[kept] % (strands.shape[1] - 1)
+        sine, shown = _against(strands[place, point], strands[place, point + 1], streaks, drawn[kept])
+        total, weight = total + (shown * sine).sum(), weight + shown.sum()
+    return total / weight.clamp(min=1.0)
+
+
+def _against(
+    start: Float[Tensor, "pair 3"], end: Float[Tensor, "pair 3"], streaks: Streaks, drawn: Int64[Tensor, " pair"]
+) -> tuple[Float[Tensor, " pair"], Float[Tensor, " pair"]]:
+    """Sine of the angle between projected segments and streaks, and the weight of each pair, without gradient."""
+    camera = streaks.camera.to(start.device)
+    (first, near), (last, far) = camera.project(start), camera.project(end)
+    x, y = (last - first).unbind(-1)
+    squared = (x.square() + y.square()).clamp(min=1e-12)
+    doubled = streaks.streak[drawn].float()
+    confidence = doubled.norm(dim=-1)
+    cosine, sine = (doubled / confidence[:, None].clamp(min=1e-12)).unbind(-1)
+    # sin^2 D = (1 - cos 2D) / 2, with cos 2D from the double angles of both directions.
+    aligned = ((x.square() - y.square()) * cosine + 2 * x * y * sine) / squared
+    misfit = (0.5 * (1 - aligned).clamp(min=0.0) + SMOOTH).sqrt()
+    with torch.no_grad():
+        across = squared.sqrt() * camera.footprint(1.0) * torch.minimum(near, far)
+        shown = confidence * (across / (end - start).norm(dim=-1).clamp(min=1e-12)).clamp(max=1.0)
+    return misfit, shown
