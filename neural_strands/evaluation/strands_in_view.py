@@ -1,7 +1,7 @@
 """Compares strands with a photograph, without true strands: by its streaks, and by where its hair is.
 
-The orientation of the photograph is that of the line-based stereo (`lmvs.orientation`); the fit never compares it with
-drawn strands, so the figure is independent.
+The orientation of the photograph is that of the line-based stereo (`lmvs.orientation`). A fit turns strands along the
+streaks of its training photographs (`fitting.photographs.streak_loss`), so only held-out views are independent.
 """
 
 import math

@@ -6,9 +6,9 @@ from typing import Annotated, Literal, get_args
 
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY
 from neural_strands.fitting.losses import ChamferConfig
+from neural_strands.fitting.photographs.streak_loss import StreakConfig
+from neural_strands.fitting.photographs.trimap import TrimapConfig
 from neural_strands.fitting.schedule import ScheduleConfig
-from neural_strands.fitting.streaks import StreakConfig
-from neural_strands.fitting.trimap import TrimapConfig
 from neural_strands.flow.hair_flow import InitialConfig
 from neural_strands.foundation.configs import Between, check_config, config_from_json, read_settings
 from neural_strands.foundation.errors import InputError, excerpt
@@ -46,8 +46,8 @@ class FitWeights:
     """LPIPS, as part of the rendering loss (the paper: 0.1, with sums over pixels)."""
     alpha: Annotated[float, Between(0, 1e6)] = 0.5
     """Squared opacity error on the trimap."""
-    streaks: Annotated[float, Between(0, 1e6)] = 20.0
-    """Angle between visible strands and the streaks of the photographs, as a mean sine."""
+    streaks: Annotated[float, Between(0, 1e6)] = 60.0
+    """Sine of the angle between visible strands and the photographs' streaks, times the streaks' confidence."""
     head: Annotated[float, Between(0, 1e6)] = 1.0
     """Depth of strands inside the head."""
     first: Annotated[float, Between(0, 1e6)] = 0.05

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
-from neural_strands.fitting.surround_weights import surround_weights
+from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views

@@ -19,7 +19,9 @@ from neural_strands.fitting.first_colours import initialise_colours
 from neural_strands.fitting.fit_data import FitData, random_region
 from neural_strands.fitting.geometry_step import hold_unreleased, shape_losses
 from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
-from neural_strands.fitting.regions import inner_part
+from neural_strands.fitting.photographs.regions import inner_part
+from neural_strands.fitting.photographs.streak_loss import streak_loss
+from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.fitting.schedule import (
     appearance_begins,
     appearance_blur_width,
@@ -29,8 +31,6 @@ from neural_strands.fitting.schedule import (
 )
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.strand_width import estimate_width
-from neural_strands.fitting.streaks import streak_loss
-from neural_strands.fitting.surround_weights import surround_weights
 from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View

@@ -11,9 +11,9 @@ from neural_strands.capture.check_views import doubled_poses
 from neural_strands.capture.hold_out import FEWEST_VIEWS, training_views
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.losses import OrientedTargets
-from neural_strands.fitting.regions import random_square
-from neural_strands.fitting.streaks import StreakConfig, Streaks, find_streaks
-from neural_strands.fitting.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
+from neural_strands.fitting.photographs.regions import random_square
+from neural_strands.fitting.photographs.streak_loss import StreakConfig, Streaks, find_streaks
+from neural_strands.fitting.photographs.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.distance_grid import SignedDistanceGrid

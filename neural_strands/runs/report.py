@@ -9,7 +9,7 @@ from neural_strands.evaluation.page import Gallery, Table, Turntable, write_page
 from neural_strands.evaluation.strands_in_view import HEADS as STRAND_HEADS
 from neural_strands.evaluation.strands_in_view import mean_strands_in_view
 from neural_strands.evaluation.view_quality import HEADS, mean_quality
-from neural_strands.fitting.trimap import reference_alpha
+from neural_strands.fitting.photographs.trimap import reference_alpha
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.pictures.encoding import encode_png, encode_webp, write_png

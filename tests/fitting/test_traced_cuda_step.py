@@ -6,8 +6,8 @@ from tiny_hair import tiny_hair_model
 from traced_cuda import on_traced_cuda, traced_cuda
 
 from neural_strands.fitting.losses import alpha_loss, rendering_loss
-from neural_strands.fitting.surround_weights import surround_weights
-from neural_strands.fitting.trimap import reference_alpha
+from neural_strands.fitting.photographs.surround_weights import surround_weights
+from neural_strands.fitting.photographs.trimap import reference_alpha
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.views import View

@@ -13,7 +13,7 @@ from neural_strands.capture.head import find_head
 from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.surround_weights import surround_weights
+from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import View

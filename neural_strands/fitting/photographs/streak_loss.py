@@ -70,10 +70,10 @@ def streak_loss(
     pixels: int,
     random: torch.Generator,
 ) -> Float[Tensor, ""]:
-    """Mean sine of the angle between visible strands and the streaks of photographs, over pixels of several views.
+    """Sine of the angle between visible strands and the streaks of photographs, times a weight; mean over pixels.
 
-    A pixel counts by the confidence of its streak, and less where the strand runs towards the camera: its direction in
-    the picture then says little.
+    The weight is the confidence of the pixel's streak, so hair without streaks asks for nothing. It is less where the
+    strand runs towards the camera: its direction in the picture then says little.
 
     Args:
         strands: the strands that a step decoded.
@@ -83,7 +83,7 @@ def streak_loss(
         pixels: number of pixels drawn in each view.
         random: draws them.
     """
-    total, weight = strands.new_zeros(()), strands.new_zeros(())
+    total, pairs = strands.new_zeros(()), 0
     for streaks, front in zip(views, fronts, strict=True):
         if len(streaks.pixel) == 0:
             continue
@@ -92,15 +92,15 @@ def streak_loss(
         place = torch.where(segment >= 0, row[segment.clamp(min=0) // (strands.shape[1] - 1)], -1)
         kept = torch.nonzero(place >= 0).squeeze(1)
         place, point = place[kept], segment[kept] % (strands.shape[1] - 1)
-        sine, shown = _against(strands[place, point], strands[place, point + 1], streaks, drawn[kept])
-        total, weight = total + (shown * sine).sum(), weight + shown.sum()
-    return total / weight.clamp(min=1.0)
+        misfit = _weighted_sine(strands[place, point], strands[place, point + 1], streaks, drawn[kept])
+        total, pairs = total + misfit.sum(), pairs + len(kept)
+    return total / max(pairs, 1)
 
 
-def _against(
+def _weighted_sine(
     start: Float[Tensor, "pair 3"], end: Float[Tensor, "pair 3"], streaks: Streaks, drawn: Int64[Tensor, " pair"]
-) -> tuple[Float[Tensor, " pair"], Float[Tensor, " pair"]]:
-    """Sine of the angle between projected segments and streaks, and the weight of each pair, without gradient."""
+) -> Float[Tensor, " pair"]:
+    """Sine of the angle between projected segments and streaks, times a weight that has no gradient."""
     camera = streaks.camera.to(start.device)
     (first, near), (last, far) = camera.project(start), camera.project(end)
     x, y = (last - first).unbind(-1)
@@ -110,8 +110,7 @@ def _against(
     cosine, sine = (doubled / confidence[:, None].clamp(min=1e-12)).unbind(-1)
     # sin^2 D = (1 - cos 2D) / 2, with cos 2D from the double angles of both directions.
     aligned = ((x.square() - y.square()) * cosine + 2 * x * y * sine) / squared
-    misfit = (0.5 * (1 - aligned).clamp(min=0.0) + SMOOTH).sqrt()
     with torch.no_grad():
         across = squared.sqrt() * camera.footprint(1.0) * torch.minimum(near, far)
-        shown = confidence * (across / (end - start).norm(dim=-1).clamp(min=1e-12)).clamp(max=1.0)
-    return misfit, shown
+        weight = confidence * (across / (end - start).norm(dim=-1).clamp(min=1e-12)).clamp(max=1.0)
+    return weight * (0.5 * (1 - aligned).clamp(min=0.0) + SMOOTH).sqrt()

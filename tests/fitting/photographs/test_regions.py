@@ -2,7 +2,7 @@
 
 import torch
 
-from neural_strands.fitting.regions import inner_part, random_square
+from neural_strands.fitting.photographs.regions import inner_part, random_square
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.views import View

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from neural_strands.fitting.trimap import TrimapConfig, dilate, reference_alpha, trimap_of_part
+from neural_strands.fitting.photographs.trimap import TrimapConfig, dilate, reference_alpha, trimap_of_part
 from neural_strands.geometry.rectangle import Rectangle
 
 
