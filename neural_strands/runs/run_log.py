@@ -16,6 +16,7 @@ log = logging.getLogger(__name__)
 LOSSES = {
     "surface": "distance, strands to segments",
     "coverage": "distance, segments to strands",
+    "streaks": "angle between strands and streaks",
     "head": "depth inside the head",
     "first": "distance from the first strands",
     "render": "colour error",

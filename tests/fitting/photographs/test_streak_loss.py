@@ -1,11 +1,16 @@
 """Streaks of photographs against stripes and lines of known direction."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
+from tiny_capture import tiny_config, true_segments, write_capture
 
-from neural_strands.fitting.photographs.streak_loss import SMOOTH, Streaks, find_streaks, streak_loss
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
+from neural_strands.fitting.fit_data import gather_fit_data
+from neural_strands.fitting.photographs.streak_loss import SMOOTH, StreakConfig, Streaks, find_streaks, streak_loss
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import View
 from neural_strands.raster.lines import rasterise_lines
@@ -123,3 +128,18 @@ def test_what_is_hidden_or_not_decoded_has_no_gradient():
     assert float(nothing.detach()) == 0.0
     empty = Streaks(FRONT, torch.zeros(0, dtype=torch.int32), torch.zeros(0, 2).half())
     assert float(streak_loss(part, row, [empty], [segment], 100, torch.Generator()).detach()) == 0.0
+
+
+def test_a_fit_finds_the_streaks_of_its_training_views(tmp_path):
+    strands = write_capture(tmp_path / "ball")
+    capture, config = Capture.load(tmp_path / "ball"), tiny_config(hold_out_every=3)
+    inputs = capture, find_head(capture), true_segments(strands)
+    unused = replace(config, weights=replace(config.weights, streaks=0.0))
+    assert gather_fit_data(*inputs, unused, torch.device("cpu")).streaks == ()
+    small = replace(config, streaks=StreakConfig(longest_side=32))
+    data = gather_fit_data(*inputs, small, torch.device("cpu"))
+    assert len(data.streaks) == len(data.views) == 4
+    for view, streaks in zip(data.views.reduced(32), data.streaks, strict=True):
+        assert (streaks.camera.width, streaks.camera.height) == (32, 32)
+        assert view.hair_mask is not None
+        assert torch.equal(streaks.pixel.long(), (view.hair_mask > 0.5).reshape(-1).nonzero().squeeze(1))
