@@ -111,6 +111,8 @@ def _weighted_sine(
     # sin^2 D = (1 - cos 2D) / 2, with cos 2D from the double angles of both directions.
     aligned = ((x.square() - y.square()) * cosine + 2 * x * y * sine) / squared
     with torch.no_grad():
-        across = squared.sqrt() * camera.footprint(1.0) * torch.minimum(near, far)
+        # Not `Camera.footprint`, for which the host would wait.
+        focal = 0.5 * (camera.intrinsics[0, 0] + camera.intrinsics[1, 1])
+        across = squared.sqrt() * torch.minimum(near, far) / focal
         weight = confidence * (across / (end - start).norm(dim=-1).clamp(min=1e-12)).clamp(max=1.0)
     return weight * (0.5 * (1 - aligned).clamp(min=0.0) + SMOOTH).sqrt()
