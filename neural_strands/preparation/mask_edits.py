@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
 from neural_strands.foundation.files import atomic_file, write_json
 from neural_strands.foundation.json_files import read_json
 from neural_strands.preparation.stage import digest_files
@@ -17,7 +16,6 @@ from neural_strands.preparation.stage import digest_files
 RECORD = "written_masks.json"
 REPLACED = "replaced_masks"
 """Folder, beside the stages, of edited masks that fit no picture of the capture any more."""
-KINDS = (HAIR_MASKS, PERSON_MASKS)
 
 
 @dataclass(frozen=True)
@@ -110,14 +108,13 @@ class MaskEdits:
             before = self.record[name].digests if name in self.record else ()
             digests = tuple(dict.fromkeys((*before, digest_files([file]))))
             record[name] = WrittenMask(self.pictures[file.name], digests)
+        # Masks that the user has added where none was written are left alone.
+        for name in self.record.keys() - record.keys():
+            (self.capture / name).unlink(missing_ok=True)
         # Recorded before they are written: if this is interrupted, none of them counts as edited.
         if record != self.record:
             rows = {name: {"picture": row.picture, "digests": list(row.digests)} for name, row in record.items()}
             write_json(self.stages / RECORD, rows)
-        for kind in KINDS:
-            for file in (self.capture / kind).glob("*"):
-                if f"{kind}/{file.name}" not in record:
-                    file.unlink()
         for name, file in copied.items():
             with atomic_file(self.capture / name) as path:
                 shutil.copyfile(file, path)

@@ -11,6 +11,7 @@ head          scale, frame, and the head in them
 masks         hair
 """
 
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,7 +43,14 @@ from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.mask_edits import MaskEdits
 from neural_strands.preparation.masks.hair import find_hair, vote_on
-from neural_strands.preparation.masks.segmenter import GivenMasks, check_command, read_mask, run_segmenter
+from neural_strands.preparation.masks.segmenter import (
+    GivenMasks,
+    Segmenter,
+    call_segmenter,
+    check_command,
+    read_mask,
+    run_segmenter,
+)
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import (
     Photograph,
@@ -76,7 +84,8 @@ class PrepareRequest:
         out: folder of the capture.
         cameras: file or folder with calibrated cameras; estimated from the photographs if None.
         masks: a folder with masks of the hair, named like the photographs; computed if None.
-        segmenter: a command that makes masks of the hair (`masks/segmenter.py`).
+        segmenter: a command or a function that makes masks of the hair (`masks/segmenter.py`). With a function, they
+            are made in every run, because it may have changed.
         longest_side: largest side of a picture, pixels.
         frames: number of frames to take from a video.
         subject_turns: whether the person turns before a camera that stands still, instead of the camera moving.
@@ -87,7 +96,7 @@ class PrepareRequest:
     out: Path
     cameras: Path | None = None
     masks: Path | None = None
-    segmenter: str | None = None
+    segmenter: str | Segmenter | None = None
     longest_side: int = 2048
     frames: int = 80
     subject_turns: bool = False
@@ -111,7 +120,7 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     request.head.check()
     if request.subject_turns:
         request.head.detector.check()
-    if request.segmenter is not None:
+    if isinstance(request.segmenter, str):
         check_command(request.segmenter)
     with sole_writer(request.out / STAGES):
         remove_leftovers(request.out)
@@ -324,6 +333,8 @@ class _Run:
             vote = None
             if given is not None:
                 masks = (given.read(picture.name) for picture in calibration.pictures)
+            elif callable(segmenter):
+                masks = call_segmenter(segmenter, calibration.pictures)
             elif segmenter is not None:
                 masks = run_segmenter(segmenter, calibration.pictures, out)
             else:
@@ -336,7 +347,8 @@ class _Run:
                 vote = vote_on(cameras, zoned, (read_picture(file)[..., 0] for file in files))
             np.savez(out / VOTES, vote=vote)
 
-        inputs = {"face": face.digest, "head": head.digest, "segmenter": segmenter, "votes": VOTES}
+        program = uuid.uuid4().hex if callable(segmenter) else segmenter
+        inputs = {"face": face.digest, "head": head.digest, "segmenter": program, "votes": VOTES}
         if given is not None:
             inputs["given"] = given.digest()
         return self._stage("masks", inputs, work)

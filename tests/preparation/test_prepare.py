@@ -4,8 +4,10 @@ import json
 import shutil
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -107,6 +109,19 @@ def test_given_masks_and_a_segmenter_are_used(scene: Scene, prepared, tmp_path: 
         prepare(scene.request(out, masks=masks), said.append)
 
 
+def test_a_function_makes_masks(scene: Scene, prepared):
+    out, _, _ = prepared
+    said: list[str] = []
+    for threshold in (90, 120):
+        bright = partial(cv2.inRange, lowerb=(threshold + 1, 0, 0), upperb=(255, 255, 255))
+        prepare(scene.request(out, segmenter=bright), said.append)
+        picture = read_picture(out / "images" / "2.png")[..., 0]
+        np.testing.assert_array_equal(read_picture(out / "masks" / "2.png")[..., 0] > 0, picture > threshold)
+    assert "masks: already done." not in said
+    with pytest.raises(InputError, match=r"expected a mask of 200 x 200 8-bit values for 0\.png, found bool"):
+        prepare(scene.request(out, segmenter=lambda rgb: rgb[..., 0] > 90), print)
+
+
 def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
     out = tmp_path / "capture"
     figures = prepare(scene.request(out), lambda _: None)
@@ -116,8 +131,12 @@ def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
     # Editors write in place or replace the file; neither may reach the stage's own mask.
     (out / "masks" / "3.png").write_bytes((out / "masks" / "4.png").read_bytes())
     write_picture(out / "masks" / "0.png", painted)
+    # Without a detector there are no person masks; one that the user adds is kept.
+    (out / "person_masks").mkdir()
+    write_picture(out / "person_masks" / "0.png", painted)
     said: list[str] = []
     prepare(scene.request(out), said.append)
+    assert Capture.load(out).person_mask(0) is not None
     assert [line for line in said if "edited" in line] == [
         "2 masks that you edited are kept (masks/0.png, masks/3.png); delete one to undo that."
     ]

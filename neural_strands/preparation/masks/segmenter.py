@@ -2,12 +2,13 @@
 
 import shlex
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from neural_strands.capture.images import mask_of, read_pixels
 from neural_strands.capture.view_files import find_mask
@@ -16,11 +17,14 @@ from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.progress import track
 from neural_strands.foundation.worker import last_line
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
-from neural_strands.preparation.photographs.folder import Photograph
+from neural_strands.preparation.photographs.folder import Photograph, read_picture
 from neural_strands.preparation.stage import digest_files
 
 SAME_SHAPE = 0.01
 """Largest relative difference between the aspect ratios of a mask and its photograph."""
+
+Segmenter = Callable[[UInt8[np.ndarray, "height width 3"]], UInt8[np.ndarray, "height width"]]
+"""Makes a mask of the hair, 255 where there is hair, from an RGB picture."""
 
 
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
@@ -101,6 +105,30 @@ def check_command(command: str) -> None:
             f"--segmenter: expected a command with {{image}} and {{mask}}, found {command[:100]!r}; write for instance "
             '--segmenter "python segment.py {image} {mask}".'
         )
+
+
+def call_segmenter(segment: Segmenter, pictures: Sequence[Path]) -> Iterator[np.ndarray]:
+    """Call a function on each picture.
+
+    Args:
+        segment: makes a mask from a picture.
+        pictures: undistorted pictures.
+
+    Yields:
+        A mask (height, width), 8 bits, for each picture.
+
+    Raises:
+        InputError: the function returns anything else than 8 bits of the picture's height and width.
+    """
+    for picture in track(pictures, "segmenting"):
+        pixels = read_picture(picture)
+        mask = np.asarray(segment(pixels))
+        if mask.dtype != np.uint8 or mask.shape != pixels.shape[:2]:
+            raise InputError(
+                f"segmenter: expected a mask of {pixels.shape[0]} x {pixels.shape[1]} 8-bit values for {picture.name}, "
+                f"found {mask.dtype} {mask.shape}; return 255 where there is hair."
+            )
+        yield mask
 
 
 def run_segmenter(command: str, pictures: Sequence[Path], out: Path) -> Iterator[np.ndarray]:
