@@ -1,5 +1,6 @@
 """Inputs of a fit: the training views, loaded one at a time, the line segments and the head."""
 
+import itertools
 from dataclasses import dataclass, replace
 
 import torch
@@ -12,7 +13,7 @@ from neural_strands.capture.hold_out import FEWEST_VIEWS, training_views
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.losses import OrientedTargets
 from neural_strands.fitting.photographs.regions import random_square
-from neural_strands.fitting.photographs.streak_loss import StreakConfig, Streaks, find_streaks
+from neural_strands.fitting.photographs.streak_loss import Streaks, find_streaks
 from neural_strands.fitting.photographs.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
@@ -70,6 +71,7 @@ def gather_fit_data(
     config: FitConfig,
     device: torch.device,
     distance: SignedDistanceGrid | None = None,
+    streak_views: int | None = None,
 ) -> FitData:
     """Gather and check the inputs of a fit.
 
@@ -80,6 +82,7 @@ def gather_fit_data(
         config: which views are held out, radii.
         device: device of the tensors.
         distance: signed distance to the head, if the caller has it already; sampling it takes seconds.
+        streak_views: number of training views whose streaks are found, which takes seconds for many; None for all.
 
     Raises:
         InputError: too few views or segments, or a head far from the hair.
@@ -95,13 +98,17 @@ def gather_fit_data(
         targets=OrientedTargets(segments.points, segments.directions, grid),
         distance=head_distance_grid(head.mesh) if distance is None else distance,
     )
-    return data if config.weights.streaks == 0 else replace(data, streaks=_streaks(data, config.streaks))
+    if config.weights.streaks == 0:
+        return data
+    return replace(data, streaks=_streaks(data, config.streaks.longest_side, streak_views))
 
 
-def _streaks(data: FitData, config: StreakConfig) -> tuple[Streaks, ...]:
-    views = data.views.reduced(config.longest_side)
+def _streaks(data: FitData, longest_side: int, most: int | None) -> tuple[Streaks, ...]:
+    views = data.views.reduced(longest_side)
+    count = len(views) if most is None else min(most, len(views))
+    some = itertools.islice(views, count)
     return tuple(
-        find_streaks(view, data.hair_pixels(view)) for view in track(views, "streaks of the photographs", len(views))
+        find_streaks(view, data.hair_pixels(view)) for view in track(some, "streaks of the photographs", count)
     )
 
 

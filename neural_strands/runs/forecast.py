@@ -85,7 +85,8 @@ def forecast(
     count = torch.arange(len(points))
     stand_in = LineSegments(points, roots.frame[..., 0].contiguous(), torch.ones(len(points)), count)
     trial = replace(config, steps=6, initialise="mean", schedule=replace(config.schedule, geometry_only=0.5))
-    data = gather_fit_data(capture, head, stand_in, trial, device, distance)
+    # A step compares strands with the streaks of few views; the time does not depend on which.
+    data = gather_fit_data(capture, head, stand_in, trial, device, distance, config.streaks.views)
     seconds: list[float] = []
     fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:3]), sum(sorted(seconds[3:])[:2]) / 2

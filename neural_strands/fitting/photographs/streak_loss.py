@@ -101,7 +101,7 @@ def _weighted_sine(
     start: Float[Tensor, "pair 3"], end: Float[Tensor, "pair 3"], streaks: Streaks, drawn: Int64[Tensor, " pair"]
 ) -> Float[Tensor, " pair"]:
     """Sine of the angle between projected segments and streaks, times a weight that has no gradient."""
-    camera = streaks.camera.to(start.device)
+    camera = streaks.camera
     (first, near), (last, far) = camera.project(start), camera.project(end)
     x, y = (last - first).unbind(-1)
     squared = (x.square() + y.square()).clamp(min=1e-12)

@@ -159,6 +159,18 @@ def parameter_at(parameters: wp.array[float], strand: int, k: int, points_per_st
 
 @wp.func
 @no_type_check
+def end_radii(
+    radius: float, tip: float, parameters: wp.array[float], strand: int, k: int, points_per_strand: int
+) -> wp.vec2:
+    """Half the width at both ends of a strand's k-th segment, where `radius` is that of the strand."""
+    return wp.vec2(
+        radius * tapered(tip, parameter_at(parameters, strand, k, points_per_strand)),
+        radius * tapered(tip, parameter_at(parameters, strand, k + 1, points_per_strand)),
+    )
+
+
+@wp.func
+@no_type_check
 def to_screen(point: wp.vec3) -> wp.vec3:
     """Homogeneous pixels to pixel x, pixel y and inverse depth."""
     inverse = 1.0 / point[2]
@@ -236,10 +248,7 @@ def draw_lines(
         b = transform(projection, points[base + k + 1])
         b_screen = to_screen(b)
         index = strand * (points_per_strand - 1) + k
-        radii = wp.vec2(
-            radius * tapered(tip, parameter_at(parameters, strand, k, points_per_strand)),
-            radius * tapered(tip, parameter_at(parameters, strand, k + 1, points_per_strand)),
-        )
+        radii = end_radii(radius, tip, parameters, strand, k, points_per_strand)
         # A strand whose width has tapered to zero is not drawn; a configured width of zero means one pixel.
         if radius <= 0.0 or radii[0] > 0.0 or radii[1] > 0.0:
             draw_in_front(a, b, a_screen, b_screen, near, radii, index, wp.vec2i(width, height), keys)

@@ -20,7 +20,7 @@ from typing import no_type_check
 import warp as wp
 
 from neural_strands.raster.kernels.keys import key_depth
-from neural_strands.raster.kernels.lines import draw_in_front, focal_length, parameter_at, tapered, to_screen, transform
+from neural_strands.raster.kernels.lines import draw_in_front, end_radii, focal_length, to_screen, transform
 
 BLOCK = wp.constant(8)
 """Pixels a side of the smallest blocks; `list_unhidden` knows its double and its fourfold, and their inverses."""
@@ -218,10 +218,7 @@ def draw_listed(
         b = transform(projection, points[base + k + 1])
         b_screen = to_screen(b)
         following = k + 1
-        radii = wp.vec2(
-            radius * tapered(tip, parameter_at(parameters, strand, k, points_per_strand)),
-            radius * tapered(tip, parameter_at(parameters, strand, k + 1, points_per_strand)),
-        )
+        radii = end_radii(radius, tip, parameters, strand, k, points_per_strand)
         if radii[0] > 0.0 or radii[1] > 0.0:
             index = strand * segments + k
             draw_in_front(a, b, a_screen, b_screen, near, radii, index, wp.vec2i(width, height), keys)

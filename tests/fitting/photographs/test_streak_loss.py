@@ -139,6 +139,7 @@ def test_a_fit_finds_the_streaks_of_its_training_views(tmp_path):
     small = replace(config, streaks=StreakConfig(longest_side=32))
     data = gather_fit_data(*inputs, small, torch.device("cpu"))
     assert len(data.streaks) == len(data.views) == 4
+    assert len(gather_fit_data(*inputs, small, torch.device("cpu"), streak_views=2).streaks) == 2
     for view, streaks in zip(data.views.reduced(32), data.streaks, strict=True):
         assert (streaks.camera.width, streaks.camera.height) == (32, 32)
         assert view.hair_mask is not None
