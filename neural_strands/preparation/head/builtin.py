@@ -1,8 +1,8 @@
 """The built-in template: the mannequin with the skull of a mean adult, and the landmarks that a face detector found.
 
-The mannequin's skull is 206 mm long and 151 mm broad, and its forehead recedes by 19 degrees. That of adults is 197 mm
-long at a breadth of 154 mm in the mean, with a forehead that recedes by about 10 degrees. Hair grows there, and no
-photograph shows the skull under it, so the template needs the mean shape.
+The mannequin's skull is 206 mm long and 151 mm broad, and its forehead recedes by 19 degrees. The published means of
+adult men are 197 and 154 mm; for the forehead, 10 degrees are an estimate. Hair grows there, and no photograph shows
+the skull under it, so the template needs the mean shape.
 
 The mannequin's face is too plain for a detector, so eyes, brows, nostrils and lips are painted on it first. The
 landmarks are shipped with the package; `detect_builtin` detects them again after the mannequin's shape has changed.
@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.head.template import SKIN, Template, bust, find_landmarks
 from neural_strands.scalp.mannequin import mannequin
@@ -64,8 +65,7 @@ def builtin_template() -> Template:
 def with_mean_skull(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
     """Move points of the mannequin's bust so that skull and forehead have the proportions of a mean adult."""
     y, z = points[:, 1], points[:, 2]
-    rise = ((y - BROWS) / (HAIRLINE - BROWS)).clamp(0.0, 1.0)
-    grown = 1.0 + FRONT * rise.square() * (3.0 - 2.0 * rise)
+    grown = 1.0 + FRONT * smoothstep((y - BROWS) / (HAIRLINE - BROWS))
     return torch.stack([points[:, 0], y, torch.where(z < 0, BACK * z, grown * z)], dim=1)
 
 
