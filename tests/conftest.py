@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,12 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure() -> None:
-    """Divide the processors among the workers, or their threads would wait for each other at every barrier."""
+    """Let Ctrl-C through, and divide the processors among the workers.
+
+    A shell lets its background jobs ignore Ctrl-C, which the programs that tests start would inherit. Threads of
+    several workers on one processor would wait for each other at every barrier.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if WORKERS > 1:
         threads = max(1, (os.cpu_count() or 1) // WORKERS)
         torch.set_num_threads(threads)
