@@ -26,8 +26,8 @@ class ColmapImage:
 
 
 def find_sparse_model(folder: Path) -> Path | None:
-    """Find the folder with `cameras` and `images` (.bin or .txt): `sparse/0`, `sparse`, `colmap/...` or itself."""
-    for name in ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."):
+    """Find the folder with `cameras` and `images` (.bin or .txt): `sparse/0`, `sparse`, `colmap/...`, itself or `0`."""
+    for name in ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".", "0"):
         for suffix in (".bin", ".txt"):
             if (folder / name / f"cameras{suffix}").is_file():
                 return folder / name

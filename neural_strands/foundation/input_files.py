@@ -57,6 +57,11 @@ def is_file_path(text: str) -> bool:
     return bool(path.name) and path.name != ".." and short and not has_controls(text)
 
 
+def is_file_name(text: str) -> bool:
+    """Whether a text can be the name of a file in a folder, and leads to no other folder."""
+    return is_file_path(text) and Path(text).name == text
+
+
 def has_controls(text: str) -> bool:
     """Whether a text contains characters that no name may have: control characters, surrogates, line separators."""
     return not text.isprintable() and any(unicodedata.category(letter) in REFUSED_LETTERS for letter in text)

@@ -9,11 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
+from neural_strands.foundation.errors import InputError, excerpt
 from neural_strands.foundation.files import atomic_file, write_json
+from neural_strands.foundation.input_files import is_file_name
 from neural_strands.foundation.json_files import read_json
 from neural_strands.preparation.stage import digest_files
 
 RECORD = "written_masks.json"
+ADVICE = "keep copies of masks that you edited and remove this file; all masks are then written again"
 REPLACED = "replaced_masks"
 """Folder, beside the stages, of edited masks that fit no picture of the capture any more."""
 
@@ -121,7 +125,14 @@ class MaskEdits:
 
 
 def _read(path: Path) -> dict[str, WrittenMask]:
-    rows = read_json(path, "digests of the masks", "remove this file; all masks are then written again").members()
+    rows = read_json(path, "digests of the masks", ADVICE).members()
+    for name in rows:
+        # Masks of these names are moved and removed; no name may lead out of the capture.
+        kind, _, mask = name.partition("/")
+        if kind not in (HAIR_MASKS, PERSON_MASKS) or not is_file_name(mask):
+            raise InputError(
+                f"{path}: expected names of masks, such as {HAIR_MASKS}/0001.png, found {excerpt(name)}; {ADVICE}."
+            )
     return {
         name: WrittenMask(
             row.member("picture").text(), tuple(digest.text() for digest in row.member("digests").elements())

@@ -23,7 +23,6 @@ from neural_strands.capture.colmap import read_colmap
 from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import remove_leftovers, sole_writer, write_json
-from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
     Calibration,
@@ -51,16 +50,17 @@ from neural_strands.preparation.masks.segmenter import (
     read_mask,
     run_segmenter,
 )
+from neural_strands.preparation.masks.votes import VOTES, read_votes, write_votes
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import (
     Photograph,
-    find_photographs,
     import_photographs,
     read_list,
     read_picture,
     write_picture,
 )
-from neural_strands.preparation.photographs.video import import_video, is_video
+from neural_strands.preparation.photographs.video import import_video
+from neural_strands.preparation.source import Source, find_source
 from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
@@ -69,8 +69,6 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VOTES = "votes.npz"
-ADVICE = "remove its folder, and the stage is done again"
 VERSIONS = {"photographs": 2, "masks": 2, "template": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
@@ -80,7 +78,7 @@ class PrepareRequest:
     """Inputs and settings for making a capture.
 
     Attributes:
-        photographs: a folder of pictures, or a video.
+        photographs: a folder of pictures, a video, or a model of calibrated photographs (`source.py`).
         out: folder of the capture.
         cameras: file or folder with calibrated cameras; estimated from the photographs if None.
         masks: a folder with masks of the hair, named like the photographs; computed if None.
@@ -116,7 +114,8 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     Raises:
         InputError: an input is missing or wrong, or the photographs do not allow a stage.
     """
-    check_out(request)
+    source = find_source(request.photographs, request.cameras)
+    check_out(request, source)
     request.head.check()
     if request.subject_turns:
         request.head.detector.check()
@@ -124,12 +123,12 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
         check_command(request.segmenter)
     with sole_writer(request.out / STAGES):
         remove_leftovers(request.out)
-        return _all_stages(request, say)
+        return _all_stages(request, source, say)
 
 
-def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
+def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], None]) -> dict[str, Any]:
     """Run all stages; `prepare` has checked that the folder may be used."""
-    run = _Run(request, say)
+    run = _Run(request, source, say)
     photographs = run.photographs()
     cameras, lenses = run.cameras(photographs)
     calibration = Calibration.load(cameras.folder)
@@ -142,14 +141,14 @@ def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str
     edits = MaskEdits.find(request.out, request.out / STAGES, calibration.pictures)
     if edits.sentence():
         say(edits.sentence())
-    hair = [edits.chosen(HAIR_MASKS, masks.folder / picture.name) for picture in calibration.pictures]
+    hair = [edits.chosen(HAIR_MASKS, masks.file(picture.name)) for picture in calibration.pictures]
     outlines = [edits.chosen(PERSON_MASKS, file) for file in run.outlines(calibration, face) if file is not None]
     if edits.edited:
         sized = ((file, (camera.width, camera.height)) for file, camera in zip(hair, world, strict=True))
         zoned = ZonedHead.of(fitted.head, fitted.landmarks)
         vote = vote_on(world, zoned, (read_mask(file, size) for file, size in sized))
     else:
-        vote = _read_votes(masks.folder, len(fitted.head.mesh.vertices))
+        vote = read_votes(masks.folder, len(fitted.head.mesh.vertices))
     scalp = person_scalp(fitted.head, vote)
     CaptureFiles(world, calibration.pictures, hair, outlines, edits, fitted.head, scalp).write(request.out)
     figures = {
@@ -163,7 +162,7 @@ def _all_stages(request: PrepareRequest, say: Callable[[str], None]) -> dict[str
     return figures
 
 
-def check_out(request: PrepareRequest) -> None:
+def check_out(request: PrepareRequest, source: Source) -> None:
     """Check that no file of the user's would be lost: pictures and masks in the capture are replaced.
 
     Raises:
@@ -175,7 +174,8 @@ def check_out(request: PrepareRequest) -> None:
         raise InputError(
             f"{out}: expected a new or empty folder, or one that prepare began, found another; name a new one."
         )
-    for path in (request.photographs, request.masks):
+    folders = sorted({file.parent for file in source.files})
+    for path in (request.photographs, request.masks, *folders):
         if path is not None and path.resolve().is_relative_to(out.resolve()):
             raise InputError(
                 f"{path}: expected a folder outside {out}, which is written to; name another for the capture."
@@ -185,8 +185,9 @@ def check_out(request: PrepareRequest) -> None:
 class _Run:
     """The stages of one request."""
 
-    def __init__(self, request: PrepareRequest, say: Callable[[str], None]) -> None:
+    def __init__(self, request: PrepareRequest, source: Source, say: Callable[[str], None]) -> None:
         self.request = request
+        self.source = source
         self.say = say
         self.root = request.out / STAGES
 
@@ -198,25 +199,23 @@ class _Run:
         return stage
 
     def photographs(self) -> Stage:
-        source, longest_side = self.request.photographs, self.request.longest_side
-        video = is_video(source) and source.is_file()
-        paths = [source] if video else find_photographs(source)
-        inputs = {"files": digest_files(paths), "longest_side": longest_side}
-        if video:
+        files, longest_side = self.source.files, self.request.longest_side
+        inputs = {"files": digest_files(files), "longest_side": longest_side}
+        if self.source.is_video:
             inputs["frames"] = self.request.frames
 
         def work(out: Path) -> None:
-            if video:
-                import_video(source, out, self.request.frames, longest_side, self.say)
+            if self.source.is_video:
+                import_video(files[0], out, self.request.frames, longest_side, self.say)
             else:
-                self.say(f"{len(import_photographs(paths, out, longest_side, self.say))} photographs read.")
+                self.say(f"{len(import_photographs(files, out, longest_side, self.say))} photographs read.")
 
         return self._stage("photographs", inputs, work)
 
     def cameras(self, photographs: Stage) -> tuple[Stage, dict[str, PosedLens]]:
         """Undistorted pictures with cameras, estimated or given, and their lenses."""
         listed = read_list(photographs.folder)
-        given = self.request.cameras
+        given = self.source.cameras
         if given is not None:
             lenses = read_cameras(given, listed)
             poses = {name: [*lens.lens.intrinsics, *lens.world_to_camera.ravel()] for name, lens in lenses.items()}
@@ -238,7 +237,7 @@ class _Run:
                 found.save(out)
 
             model = self._stage("model", {"matches": matches.digest}, work)
-            lenses = by_name(read_colmap(photographs.folder, model.folder))
+            lenses = by_name(read_colmap(photographs.folder, model.folder), model.folder)
             inputs = {"photographs": photographs.digest, "model": model.digest}
             points = SparsePoints.load(model.folder)
 
@@ -267,7 +266,7 @@ class _Run:
         marks, detector = self.request.head.landmarks, self.request.head.detector
         inputs = {"cameras": cameras.digest, "detector": _detector_inputs(detector)}
         if marks is not None:
-            inputs["landmarks"] = _digest(marks)
+            inputs["landmarks"] = digest_files([marks])
 
         def work(out: Path) -> None:
             (out / PERSON).mkdir()
@@ -306,8 +305,8 @@ class _Run:
         if path is None:
             return self._stage("template", {"builtin": digest_files([STORED])}, builtin_template().save)
         inputs = {
-            "mesh": _digest(path),
-            "scalp": None if scalp is None else _digest(scalp),
+            "mesh": digest_files([path]),
+            "scalp": None if scalp is None else digest_files([scalp]),
             "detector": _detector_inputs(asked.detector),
         }
 
@@ -345,7 +344,7 @@ class _Run:
                 write_picture(file, coverage)
             if vote is None:
                 vote = vote_on(cameras, zoned, (read_picture(file)[..., 0] for file in files))
-            np.savez(out / VOTES, vote=vote)
+            write_votes(out, vote)
 
         program = uuid.uuid4().hex if callable(segmenter) else segmenter
         inputs = {"face": face.digest, "head": head.digest, "segmenter": program, "votes": VOTES}
@@ -374,21 +373,6 @@ class _Originals:
         return moved if posed is None else posed.lens.undistort_points(moved)
 
 
-def _read_votes(folder: Path, vertices: int) -> np.ndarray:
-    """Share of the views that see hair in front of each vertex of the head; NaN if no view shows it."""
-    votes = ArraySpec("vote", str(vertices), np.float64, finite=False)
-    return read_npz(folder / VOTES, "the views' votes on hair", (votes,), ADVICE)["vote"]
-
-
 def _detector_inputs(detector: Detector) -> list[str | None]:
     models = (detector.face_model, detector.person_model)
-    return [None if path is None else _digest(path) for path in models]
-
-
-def _digest(path: Path) -> str:
-    try:
-        return digest_files([path])
-    except OSError as error:
-        raise InputError(
-            f"{path}: expected a file, but it cannot be read ({error.strerror}); check the path."
-        ) from error
+    return [None if path is None else digest_files([path]) for path in models]

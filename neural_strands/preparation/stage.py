@@ -6,15 +6,19 @@ beside the outputs, so that a later run knows whether they are still valid.
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.files import atomic_folder
 
 RECORD = "inputs.json"
 """Name of the file, in a stage's folder, that records its inputs."""
+ADVICE = "remove its folder, and the stage is done again"
+"""What to do about a damaged file of a stage."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,17 @@ class Stage:
 
     folder: Path
     digest: str
+
+    def file(self, name: str) -> Path:
+        """The path of one of the outputs.
+
+        Raises:
+            InputError: it is missing.
+        """
+        path = self.folder / name
+        if not path.is_file():
+            raise InputError(f"{path}: expected a file of this stage, found none; {ADVICE}.")
+        return path
 
 
 def run_stage(folder: Path, inputs: Mapping[str, Any], work: Callable[[Path], None]) -> tuple[Stage, bool]:
@@ -58,12 +73,18 @@ def digest_files(paths: Iterable[Path]) -> str:
     """SHA-256 over the names and contents of files, in this order.
 
     Raises:
-        OSError: a file cannot be read.
+        InputError: a file cannot be read.
     """
     total = hashlib.sha256()
     for path in paths:
-        with path.open("rb") as file:
-            total.update(path.name.encode() + b"\0" + hashlib.file_digest(file, "sha256").digest())
+        try:
+            with path.open("rb") as file:
+                content = hashlib.file_digest(file, "sha256").digest()
+        except OSError as error:
+            raise InputError(
+                f"{path}: expected a file, but it cannot be read ({reason(error)}); check the path."
+            ) from error
+        total.update(os.fsencode(path.name) + b"\0" + content)
     return total.hexdigest()
 
 

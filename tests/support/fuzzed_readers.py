@@ -29,6 +29,7 @@ from neural_strands.capture.colmap import (
 )
 from neural_strands.capture.ground_truth import read_ground_truth
 from neural_strands.capture.images import read_pixels
+from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
 from neural_strands.editing.edit_list import read_edits, write_edits
 from neural_strands.editing.settings import Density, Haircut
 from neural_strands.evaluation.rendered_files import read_rendering
@@ -48,8 +49,12 @@ from neural_strands.preparation.face.files import read_faces, read_marks, write_
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.flame import read_flame
 from neural_strands.preparation.head.template import Template
+from neural_strands.preparation.mask_edits import RECORD as WRITTEN_MASKS
+from neural_strands.preparation.mask_edits import MaskEdits
 from neural_strands.preparation.masks.segmenter import read_mask
+from neural_strands.preparation.masks.votes import VOTES, read_votes, write_votes
 from neural_strands.preparation.photographs.folder import Photograph, read_list, read_picture, write_list, write_picture
+from neural_strands.preparation.stage import run_stage
 from neural_strands.prior.vae import SHIPPED, load_prior
 from neural_strands.runs.newest_model import load_newest_model, newest_state
 from neural_strands.runs.run_folder import RunFolder, read_description
@@ -62,6 +67,9 @@ from neural_strands.scalp.mesh_file import read_mesh_file
 
 CPU = torch.device("cpu")
 NAMES = ("000.png", "001.png")
+BALL_VERTICES = 162
+"""Of the meshes."""
+STAGE_INPUTS = {"photographs": "2a" * 32, "longest_side": 2048, "scale": None}
 
 
 @dataclass(frozen=True)
@@ -183,6 +191,9 @@ def _write_preparation(folder: Path) -> None:
     Template(head, torch.zeros(478, 3), torch.zeros(478)).save(folder / "template")
     frame = Similarity(0.4, torch.eye(3).double(), torch.zeros(3).double())
     FittedHead(head, torch.zeros(478, 3), frame, {"views_with_face": 3}).save(folder / "head")
+    write_votes(folder / "head", np.linspace(0, 1, len(ball.mesh.vertices)))
+    run_stage(folder / "stage", STAGE_INPUTS, lambda _: None)
+    write_masks(folder)
     SparsePoints(np.ones((9, 3)), np.ones((9, 3), np.uint8)).save(folder.parent / "capture")
     (folder / "cameras.xml").write_text(METASHAPE)
     row = {"#name": "a.jpg", "x": "1", "y": "2", "alt": "3", "heading": "90", "pitch": "2", "roll": "1", "f": "42"}
@@ -190,6 +201,19 @@ def _write_preparation(folder: Path) -> None:
     (folder / "cameras.csv").write_text(",".join(COLUMNS) + "\n" + ",".join(values) + "\n")
     flame = {"v_template": ball.mesh.vertices.double().numpy(), "f": ball.mesh.faces.numpy(), "bs_style": "lbs"}
     (folder / "flame.pkl").write_bytes(pickle.dumps(flame, protocol=2))
+
+
+def write_masks(folder: Path) -> None:
+    """Write masks into `folder/prepared` twice, as with two segmenters, and edit one; `folder` gets the record."""
+    capture, made = folder / "prepared", folder / "made"
+    for kind in (HAIR_MASKS, PERSON_MASKS):
+        (made / kind).mkdir(parents=True)
+    for grey in (90, 120):
+        masks = {kind: [made / kind / name for name in NAMES] for kind in (HAIR_MASKS, PERSON_MASKS)}
+        for file in (file for files in masks.values() for file in files):
+            write_picture(file, np.full((6, 8), grey, np.uint8))
+        MaskEdits.find(capture, folder, [made / HAIR_MASKS / name for name in NAMES]).write(masks)
+    write_picture(capture / HAIR_MASKS / NAMES[0], np.zeros((6, 8), np.uint8))
 
 
 METASHAPE = """<?xml version="1.0"?><document version="1.5.0"><chunk label="Chunk 1">
@@ -283,6 +307,18 @@ def _records(path: Path) -> object:
     return read_records(Store(str(folder)), Subject("eve", "ball", prepared=True))
 
 
+def _written_masks(path: Path) -> object:
+    capture = path.parent / "prepared"
+    found = MaskEdits.find(capture, path.parent, [path.parent / "made" / HAIR_MASKS / name for name in NAMES])
+    # These files are removed where the masks no longer fit.
+    assert all((capture / name).resolve().is_relative_to(capture.resolve()) for name in found.record)
+    return found
+
+
+def _stage_record(path: Path) -> object:
+    return run_stage(path.parent, STAGE_INPUTS, lambda _: None)
+
+
 def _strokes(path: Path) -> object:
     return read_strokes(path, (Camera(torch.eye(3), torch.eye(4), 64, 64, "000.png"),))
 
@@ -351,5 +387,8 @@ READERS = (
     FuzzedReader("stage template", "preparation/template/template.npz", lambda path: Template.load(path.parent)),
     FuzzedReader("stage head", "preparation/head/head.npz", _fitted),
     FuzzedReader("stage figures", "preparation/head/figures.json", _fitted),
+    FuzzedReader("stage masks", f"preparation/head/{VOTES}", lambda path: read_votes(path.parent, BALL_VERTICES)),
+    FuzzedReader("stage record", "preparation/stage/inputs.json", _stage_record),
+    FuzzedReader("written masks", f"preparation/{WRITTEN_MASKS}", _written_masks),
 )
 """Every reader."""

@@ -19,6 +19,7 @@ from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera, rigid_inverse
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
+from neural_strands.preparation.stage import ADVICE
 
 POINTS = "points.npz"
 SAME_SHAPE = 0.01
@@ -67,7 +68,7 @@ class SparsePoints:
             InputError: the file is missing or damaged.
         """
         specs = (ArraySpec("position", "point 3", np.float64), ArraySpec("colour", "point 3", np.uint8, "u"))
-        arrays = read_npz(folder / POINTS, "sparse points", specs, "remove its folder, and the stage is done again")
+        arrays = read_npz(folder / POINTS, "sparse points", specs, ADVICE)
         return cls(arrays["position"], arrays["colour"])
 
 
@@ -92,7 +93,17 @@ class Calibration:
         Raises:
             InputError: a file is missing or damaged.
         """
-        views = Capture.load(folder).files
+        try:
+            views = Capture.load(folder).files
+        except InputError as error:
+            raise InputError(
+                f"{folder}: expected cameras of an earlier stage, found damaged ones; {ADVICE}."
+            ) from error
+        for view in views:
+            if view.image_path != folder / IMAGES / view.image_path.name or not view.image_path.is_file():
+                raise InputError(
+                    f"{folder}: expected the picture of every camera, found none of {view.image_path.name}; {ADVICE}."
+                )
         return cls(
             tuple(view.camera for view in views), tuple(view.image_path for view in views), SparsePoints.load(folder)
         )

@@ -1,5 +1,6 @@
 """Reads cameras that another program has calibrated: COLMAP, nerfstudio, Metashape or RealityCapture."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,10 +28,10 @@ def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, Pos
     if path.is_dir():
         model = find_sparse_model(path)
         if model is not None:
-            return by_name(read_colmap(path, model))
+            return by_name(read_colmap(path, model), model)
         path = path / "transforms.json"
     if path.is_file() and path.suffix.lower() == ".json":
-        return by_name(read_transforms(path))
+        return by_name(read_transforms(path), path)
     if path.is_file() and path.suffix.lower() == ".xml":
         return read_metashape(path)
     if path.is_file() and path.suffix.lower() == ".csv":
@@ -41,6 +42,20 @@ def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, Pos
     )
 
 
-def by_name(views: Sequence[ViewFiles]) -> dict[str, PosedLens]:
-    """Lenses and poses of a capture's views, by file name."""
+def by_name(views: Sequence[ViewFiles], source: Path) -> dict[str, PosedLens]:
+    """Lenses and poses of a capture's views, by file name.
+
+    Args:
+        views: the views.
+        source: their file or folder, for the error message.
+
+    Raises:
+        InputError: two views have images of the same name.
+    """
+    name, count = Counter(view.image_path.name for view in views).most_common(1)[0]
+    if count > 1:
+        raise InputError(
+            f"{source}: expected one camera for each photograph's name, found {count} for {name}; give photographs in "
+            "different folders different names, and calibrate again."
+        )
     return {view.image_path.name: PosedLens(view.lens, view.camera.world_to_camera.double().numpy()) for view in views}

@@ -9,6 +9,7 @@ import numpy as np
 from neural_strands.foundation.errors import InputError, excerpt
 from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.preparation.face.topology import LANDMARKS, NAMED
+from neural_strands.preparation.stage import ADVICE
 
 FACES = "faces.json"
 
@@ -27,14 +28,16 @@ def read_faces(folder: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
     Raises:
         InputError: the file is missing or damaged.
     """
-    written = read_json(folder / FACES, "faces", f"delete {folder} and run prepare again").members()
+    written = read_json(folder / FACES, "faces", ADVICE).members()
     return [[_landmarks(face) for face in written[name].elements()] if name in written else [] for name in names]
 
 
 def _landmarks(face: JsonValue) -> np.ndarray:
     """Pixels (landmark, 2) of a face; NaN where a mark is null."""
     marks = face.elements()
-    found = np.full((len(marks), 2), np.nan)
+    if len(marks) != LANDMARKS:
+        raise face.refuse(f"{LANDMARKS} landmarks")
+    found = np.full((LANDMARKS, 2), np.nan)
     for place, mark in enumerate(marks):
         if mark.value != [None, None]:
             found[place] = mark.array(2)

@@ -1,14 +1,18 @@
 """Stores a head with its chart and landmarks as arrays of an .npz file, between stages."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation.npz import ArraySpec
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.preparation.face.topology import LANDMARKS
+from neural_strands.preparation.stage import ADVICE
 from neural_strands.scalp.head import Head
 
 HEAD_ARRAYS = (
@@ -16,9 +20,8 @@ HEAD_ARRAYS = (
     ArraySpec("faces", "face 3", np.int64, "i"),
     ArraySpec("scalp_faces", "scalp", np.int64, "i"),
     ArraySpec("scalp_uv", "scalp 3 2", np.float32),
-    ArraySpec("landmarks", "landmark 3", np.float32, finite=False),
+    ArraySpec("landmarks", f"{LANDMARKS} 3", np.float32, finite=False),
 )
-ADVICE = "remove its folder, and the stage is done again"
 
 
 def head_arrays(head: Head, landmarks: Float[Tensor, "landmark 3"]) -> dict[str, np.ndarray]:
@@ -30,6 +33,25 @@ def head_arrays(head: Head, landmarks: Float[Tensor, "landmark 3"]) -> dict[str,
         "scalp_uv": head.scalp_uv.numpy(),
         "landmarks": landmarks.numpy(),
     }
+
+
+def read_head_arrays(path: Path, what: str, more: Sequence[ArraySpec]) -> dict[str, np.ndarray]:
+    """Read the arrays of a head and others.
+
+    Args:
+        path: the file.
+        what: expected content, for error messages.
+        more: the arrays that the file has besides those of `HEAD_ARRAYS`.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    arrays = read_npz(path, what, (*HEAD_ARRAYS, *more), ADVICE)
+    for name, pointed in (("faces", "vertices"), ("scalp_faces", "faces")):
+        numbers, most = arrays[name], len(arrays[pointed])
+        if numbers.size == 0 or numbers.min() < 0 or numbers.max() >= most:
+            raise InputError(f"{path}: expected {name} out of the {most} {pointed}, found others or none; {ADVICE}.")
+    return arrays
 
 
 def head_of(arrays: Mapping[str, np.ndarray]) -> tuple[Head, Float[Tensor, "landmark 3"]]:

@@ -14,7 +14,7 @@ from torch import Tensor
 from neural_strands.capture.images import reduced
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.json_files import read_json
-from neural_strands.foundation.npz import ArraySpec, read_npz
+from neural_strands.foundation.npz import ArraySpec
 from neural_strands.preparation.cameras.calibration import Calibration
 from neural_strands.preparation.face.scale import (
     TEMPLATE_SPREAD,
@@ -27,10 +27,11 @@ from neural_strands.preparation.face.scale import (
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.face.triangulate import TriangulatedFace, triangulate_face
 from neural_strands.preparation.head.deform import Evidence, deform
-from neural_strands.preparation.head.files import ADVICE, HEAD_ARRAYS, head_arrays, head_of
+from neural_strands.preparation.head.files import head_arrays, head_of, read_head_arrays
 from neural_strands.preparation.head.place import cameras_in_world, place, world_frame
 from neural_strands.preparation.head.template import Template, near_landmarks, rescaled
 from neural_strands.preparation.photographs.folder import read_picture
+from neural_strands.preparation.stage import ADVICE
 from neural_strands.scalp.fit_similarity import Similarity
 from neural_strands.scalp.head import Head
 
@@ -40,6 +41,8 @@ OUTLINE = 50
 """Value of the person mask (of 255) above which a pixel counts as person; low, so that the head does not become too
 small."""
 
+ROTATION_TOLERANCE = 1e-6
+"""Largest deviation of a stored rotation from an orthonormal one."""
 OUTLINE_SIDE = 1024
 """Longer side at which outlines are used, pixels; those of all photographs are kept in memory at once."""
 
@@ -91,10 +94,15 @@ class FittedHead:
             InputError: a file is missing or damaged.
         """
         frame = (ArraySpec("scale", ""), ArraySpec("rotation", "3 3"), ArraySpec("translation", "3"))
-        arrays = read_npz(folder / FILE, "a fitted head", (*HEAD_ARRAYS, *frame), ADVICE)
+        arrays = read_head_arrays(folder / FILE, "a fitted head", frame)
         figures = read_json(folder / FIGURES, "the figures of a fitted head", ADVICE)
         head, landmarks = head_of(arrays)
         rotation, translation = torch.from_numpy(arrays["rotation"]), torch.from_numpy(arrays["translation"])
+        skewed = (rotation @ rotation.T - torch.eye(3)).abs().max()
+        if not arrays["scale"] > 0 or skewed > ROTATION_TOLERANCE or torch.linalg.det(rotation) < 0:
+            raise InputError(
+                f"{folder / FILE}: expected a positive scale and a rotation, found something else; {ADVICE}."
+            )
         measured = {name: figure.value for name, figure in figures.members().items()}
         return cls(head, landmarks, Similarity(float(arrays["scale"]), rotation, translation), measured)
 

@@ -14,13 +14,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.npz import ArraySpec, read_npz
+from neural_strands.foundation.npz import ArraySpec
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
-from neural_strands.preparation.face.topology import INTERIOR
-from neural_strands.preparation.head.files import ADVICE, HEAD_ARRAYS, head_arrays, head_of
+from neural_strands.preparation.face.topology import INTERIOR, LANDMARKS
+from neural_strands.preparation.head.files import head_arrays, head_of, read_head_arrays
 from neural_strands.preparation.head.flame import read_flame
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
@@ -80,8 +80,8 @@ class Template:
         Raises:
             InputError: the file is missing or damaged.
         """
-        spread = ArraySpec("spread", "landmark", np.float32, finite=False)
-        arrays = read_npz(folder / FILE, "a template", (*HEAD_ARRAYS, spread), ADVICE)
+        spread = ArraySpec("spread", str(LANDMARKS), np.float32, finite=False)
+        arrays = read_head_arrays(folder / FILE, "a template", (spread,))
         return cls(*head_of(arrays), torch.from_numpy(arrays["spread"]))
 
 

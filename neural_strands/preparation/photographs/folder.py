@@ -5,20 +5,24 @@ PNG is lossless for later stages, and drops the camera's metadata, such as locat
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from neural_strands.capture.images import colour_of, read_pixels, reduced
-from neural_strands.foundation.configs import config_from_json
+from neural_strands.foundation.configs import Between, config_from_json
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.input_files import has_controls, is_file_name
 from neural_strands.foundation.json_files import read_json
 from neural_strands.foundation.progress import track
+from neural_strands.preparation.stage import ADVICE
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Suffixes of photographs, in upper or lower case."""
@@ -28,7 +32,13 @@ FILM_DIAGONAL = math.hypot(36.0, 24.0)
 """Diagonal of 35 mm film, millimetres, to which EXIF's equivalent focal length refers."""
 MAKE, MODEL, EXIF, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0xA405
 """EXIF tags."""
+LONGEST_FOCAL = 1e9
+"""Longest focal length that is believed, pixels."""
+LONGEST_DEVICE = 100
+"""Longest name of a camera that is kept, characters."""
 LIST = "photographs.json"
+Side = Annotated[int, Between(1, 65_535)]
+"""Width or height, pixels."""
 
 
 @dataclass(frozen=True)
@@ -47,33 +57,43 @@ class Photograph:
 
     name: str
     source: str
-    width: int
-    height: int
-    focal: float = 0.0
+    width: Side
+    height: Side
+    focal: Annotated[float, Between(0, LONGEST_FOCAL)] = 0.0
     device: str = ""
-    scale: float = 1.0
+    scale: Annotated[float, Between(1e-6, 1)] = 1.0
 
 
 def find_photographs(folder: Path) -> list[Path]:
     """List the photographs of a folder, sorted by name.
 
     Raises:
-        InputError: the folder does not exist or has too few photographs.
+        InputError: the folder does not exist, has too few photographs, or one has a name that cannot be stored.
     """
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: expected a folder of photographs or a video, found "
+            f"{folder}: expected a folder of photographs, a video or the cameras of photographs, found "
             f"{'another file' if folder.exists() else 'nothing'}; check the path."
         )
-    found = sorted(
-        path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-    )
+    found = list_photographs(folder)
+    for path in found:
+        if has_controls(path.name):
+            raise InputError(
+                f"{folder}: expected names of photographs without control characters, found {path.name!r}; rename it."
+            )
     if len(found) < FEWEST:
         raise InputError(
             f"{folder}: expected at least {FEWEST} photographs of the head from different sides (24 or more are "
             f"better), found {len(found)}; take more."
         )
     return found
+
+
+def list_photographs(folder: Path) -> list[Path]:
+    """The photographs directly in a folder, sorted by name; there may be none."""
+    return sorted(
+        path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    )
 
 
 def import_photographs(
@@ -128,8 +148,16 @@ def read_list(folder: Path) -> list[Photograph]:
     Raises:
         InputError: the file is missing or damaged.
     """
-    listed = read_json(folder / LIST, "the list of photographs", f"delete {folder} and run prepare again")
-    return [config_from_json(Photograph, row) for row in listed.elements()]
+    rows = read_json(folder / LIST, "the list of photographs", ADVICE).elements()
+    listed = [config_from_json(Photograph, row) for row in rows]
+    names = Counter(photograph.name for photograph in listed)
+    for row, photograph in zip(rows, listed, strict=True):
+        # Later stages write files of these names; none may lead out of their folders.
+        if not is_file_name(photograph.name):
+            raise row.member("name").refuse("the name of a file")
+        if names[photograph.name] > 1:
+            raise row.member("name").refuse("another name for each photograph")
+    return listed
 
 
 def write_picture(path: Path, pixels: np.ndarray) -> None:
@@ -161,7 +189,8 @@ def read_picture(path: Path) -> np.ndarray:
 def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, float, str]:
     """Return upright pixels (height, width, 3), their scale, the focal length in pixels, and the device."""
     exif = image.getexif()
-    device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (MAKE, MODEL)).strip()
+    device = " ".join(str(exif.get(tag, "")) for tag in (MAKE, MODEL))
+    device = "".join(letter for letter in device if letter.isprintable()).strip()[:LONGEST_DEVICE]
     equivalent = exif.get_ifd(EXIF).get(FOCAL_35MM, 0)
     profile = image.info.get("icc_profile")
     image = ImageOps.exif_transpose(image)
@@ -173,7 +202,7 @@ def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, 
         focal = float(equivalent) * math.hypot(width, height) / FILM_DIAGONAL
     except (TypeError, ValueError, ZeroDivisionError):
         focal = 0.0
-    return pixels, scale, focal if math.isfinite(focal) else 0.0, device
+    return pixels, scale, focal if 0.0 < focal <= LONGEST_FOCAL else 0.0, device
 
 
 def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:
