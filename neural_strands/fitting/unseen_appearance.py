@@ -57,6 +57,6 @@ def texel_weights(
             lines = model.draw(strands, target.camera).lines
             visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
         knots = torch.zeros_like(read, requires_grad=True)
-        (back,) = torch.autograd.grad(interpolate_knots(knots, visible)[:, 0], knots, visible.weight)
+        (back,) = torch.autograd.grad(interpolate_knots(knots, visible.strand, visible.t)[:, 0], knots, visible.weight)
         total += back
     return torch.autograd.grad(read, image, total)[0]

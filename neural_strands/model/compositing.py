@@ -19,6 +19,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.raster.lines import LineBuffer
+from neural_strands.raster.splat import MINIMUM_WEIGHT
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
@@ -280,3 +281,15 @@ def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: in
 def drawn_share(lines: LineBuffer, factor: int) -> Float[Tensor, "height width"]:
     """Share of each pixel covered by lines, which are drawn at `factor` times the image's resolution."""
     return area_mean((lines.segment >= 0)[..., None].float(), factor)[..., 0]
+
+
+def filled_from_coarser(
+    pyramid: list[Float[Tensor, "channel _ _"]], coverages: list[Float[Tensor, "_ _"]]
+) -> Float[Tensor, "channel height width"]:
+    """The finest of the splatted maps, with gaps filled from the next coarser map, and so on."""
+    image = pyramid[-1]
+    for features, coverage in zip(reversed(pyramid[:-1]), reversed(coverages[:-1]), strict=True):
+        height, width = coverage.shape
+        above = F.interpolate(image[None], scale_factor=2.0, mode="bilinear")[0, :, :height, :width]
+        image = features + (1 - coverage / MINIMUM_WEIGHT).clamp(min=0.0) * above
+    return image

@@ -27,6 +27,7 @@ from neural_strands.model.compositing import (
     SurroundWeights,
     area_mean,
     compose,
+    filled_from_coarser,
     hair_rectangle,
     near_hair,
     weighted_gradient,
@@ -39,9 +40,10 @@ from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
-from neural_strands.raster.splat import MINIMUM_WEIGHT, SplatMap, splat_pyramid
+from neural_strands.raster.nodes import visible_nodes
+from neural_strands.raster.splat import SplatMap, splat_pyramid
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
-from neural_strands.raster.visible import VisiblePoints, interpolate_knots, visible_directions, visible_points
+from neural_strands.raster.visible import VisiblePoints, interpolate_knots, visible_points
 from neural_strands.scalp.roots import Roots
 
 BACKGROUND_THROUGH = 0.1
@@ -306,21 +308,23 @@ class HairModel(nn.Module):
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        appearance = interpolate_knots(self.textures.sample_appearance(strands.chart_positions(), blur), visible)
-        direction = visible_directions(strands.points, visible)
-        view = functional.normalize(visible.world - camera.position, dim=1)
-        around = (volume or hair_volume(strands.points)).at(visible.world)
+        nodes = visible_nodes(visible, strands.points)
+        world, direction = nodes.positions(strands.points), nodes.directions(strands.points)
+        t = strands.parameters()[nodes.strand, nodes.vertex].to(direction)
+        appearance = self.textures.sample_appearance(strands.chart_positions(), blur)
+        appearance = interpolate_knots(appearance, nodes.strand, t)
+        view = functional.normalize(world - camera.position, dim=1)
+        around = (volume or hair_volume(strands.points)).at(world)
         if turn is not None:
             direction, view = direction @ turn.T, view @ turn.T
             around = torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
-        fibre = torch.cat([direction, visible.t[:, None].to(direction)], dim=1)
-        colour = self.shading(appearance, fibre, view, around)
-        pixels, _ = camera.project(visible.world)
-        linear = to_linear(colour)
+        fibre = torch.cat([direction, t[:, None]], dim=1)
+        linear = to_linear(self.shading(appearance, fibre, view, around))
         if light is not None:
-            along = (visible.vertex + visible.position) / (strands.points_per_strand - 1)
-            linear = linear * interpolate_knots(light.strands, replace(visible, t=along))
-        descriptor = torch.cat([appearance, fibre, linear], dim=1)
+            along = nodes.vertex / (strands.points_per_strand - 1)
+            linear = linear * interpolate_knots(light.strands, nodes.strand, along)
+        pixels, _ = camera.project(visible.world)
+        descriptor = nodes.blend(torch.cat([appearance, fibre, linear], dim=1))
         size = (camera.height, camera.width)
         return splat_pyramid(pixels, descriptor, size, self.config.unet.levels, amounts=visible.weight)
 
@@ -385,15 +389,3 @@ def _encoded(features: Float[Tensor, "channel height width"]) -> Float[Tensor, "
     """Splatted maps with sRGB-encoded colours: encoding gives dark hair more of the network's input range."""
     descriptor, colour = features.permute(1, 2, 0).split([len(features) - 3, 3], dim=2)
     return torch.cat([descriptor, to_srgb(colour)], dim=2)
-
-
-def filled_from_coarser(
-    pyramid: list[Float[Tensor, "channel _ _"]], coverages: list[Float[Tensor, "_ _"]]
-) -> Float[Tensor, "channel height width"]:
-    """The finest of the splatted maps, with gaps filled from the next coarser map, and so on."""
-    image = pyramid[-1]
-    for features, coverage in zip(reversed(pyramid[:-1]), reversed(coverages[:-1]), strict=True):
-        height, width = coverage.shape
-        above = functional.interpolate(image[None], scale_factor=2.0, mode="bilinear")[0, :, :height, :width]
-        image = features + (1 - coverage / MINIMUM_WEIGHT).clamp(min=0.0) * above
-    return image

@@ -1,4 +1,4 @@
-"""Colour of each visible point of a strand, before points are blended into pixels.
+"""Colour of points of strands, before they are blended into pixels.
 
 A pixel covers several hairs. A camera sees the blend of their individual colours, so points are shaded before they are
 blended. The image generator, which sees the blended descriptors, then corrects for the effect of neighbours on each

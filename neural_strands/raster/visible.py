@@ -74,35 +74,23 @@ def visible_points(
 
 
 def interpolate_knots(
-    values: Float[Tensor, "strand knot channel"], visible: VisiblePoints
-) -> Float[Tensor, "visible channel"]:
-    """Interpolate values given at evenly spaced knots from root to tip, at the t of the visible points."""
+    values: Float[Tensor, "strand knot channel"], strand: Int64[Tensor, " place"], t: Float[Tensor, " place"]
+) -> Float[Tensor, "place channel"]:
+    """Interpolate values given at evenly spaced knots from root to tip, at places on strands.
+
+    Args:
+        values: values at the knots.
+        strand: index of the strand on which each place lies.
+        t: parameter of each place, 0 at the root and 1 at the tip.
+    """
     knots, flat = values.shape[1], values.flatten(0, 1)
     if knots == 1:
-        return flat.index_select(0, visible.strand)
-    place = visible.t * (knots - 1)
-    before = place.floor().clamp(max=knots - 2)
-    start = visible.strand * knots + before.long()
+        return flat.index_select(0, strand)
+    at = t * (knots - 1)
+    before = at.floor().clamp(max=knots - 2)
+    start = strand * knots + before.long()
     ends = (flat.index_select(0, start), flat.index_select(0, start + 1))
-    return torch.lerp(*ends, (place - before).to(values.dtype)[:, None])
-
-
-def visible_directions(points: Float[Tensor, "strand point 3"], visible: VisiblePoints) -> Float[Tensor, "visible 3"]:
-    """Interpolate the unit growth directions of the segment's two ends at each visible point.
-
-    Equals a blend of `strands.directions(points)` without computing the directions of hidden points.
-    """
-    per_strand = points.shape[1]
-    # The last point has the direction of the last segment.
-    following = torch.clamp(visible.vertex + 1, max=per_strand - 2)
-    starts = visible.strand * per_strand
-    index = torch.cat(
-        [starts + visible.vertex, starts + visible.vertex + 1, starts + following, starts + following + 1]
-    )
-    a, b, c, d = points.reshape(-1, 3).index_select(0, index).view(4, -1, 3).unbind(0)
-    here = torch.nn.functional.normalize(b - a, dim=-1)
-    ahead = torch.nn.functional.normalize(d - c, dim=-1)
-    return torch.lerp(here, ahead, visible.position.to(points.dtype)[:, None])
+    return torch.lerp(*ends, (at - before).to(values.dtype)[:, None])
 
 
 def _blend_ends(

@@ -14,7 +14,14 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
 from neural_strands.model import hair_model
-from neural_strands.model.compositing import START, SurroundConfig, SurroundWeights, hair_rectangle, near_hair
+from neural_strands.model.compositing import (
+    START,
+    SurroundConfig,
+    SurroundWeights,
+    filled_from_coarser,
+    hair_rectangle,
+    near_hair,
+)
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
     BACKGROUND_THROUGH,
@@ -22,7 +29,6 @@ from neural_strands.model.hair_model import (
     MOST_OPACITY,
     HairModel,
     HairModelConfig,
-    filled_from_coarser,
 )
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -8,7 +6,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import directions
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat, splat_pyramid
-from neural_strands.raster.visible import interpolate_knots, visible_directions, visible_points
+from neural_strands.raster.visible import interpolate_knots, visible_points
 
 SIZE = (48, 40)
 
@@ -108,26 +106,19 @@ def blended(values, visible):
     return torch.lerp(*ends, visible.position[:, None])
 
 
-def test_directions_of_visible_points_are_those_of_their_strands(generator, camera):
-    points = wavy(generator)
-    visible = visible_points(rasterise_lines(points, camera), points)
-    expected = blended(directions(points), visible)
-    torch.testing.assert_close(visible_directions(points, visible), expected, rtol=1e-4, atol=1e-5)
-
-
 @pytest.mark.parametrize("knots", [1, 2, 5])
 def test_knots_blend_along_the_strand(generator, camera, knots):
     points = wavy(generator)
     visible = visible_points(rasterise_lines(points, camera), points)
     values = torch.randn(len(points), knots, 3, generator=generator)
-    found = interpolate_knots(values, visible)
+    found = interpolate_knots(values, visible.strand, visible.t)
     for k in range(0, len(visible), 29):
         row = values[int(visible.strand[k])].numpy()
         t, at = float(visible.t[k]), np.linspace(0, 1, knots)
         expected = [np.interp(t, at, row[:, channel]) for channel in range(3)]
         assert found[k].tolist() == pytest.approx(expected, abs=1e-5)
-    ends = replace(visible, t=torch.ones_like(visible.t))
-    torch.testing.assert_close(interpolate_knots(values, ends), values[visible.strand, -1])
+    tips = interpolate_knots(values, visible.strand, torch.ones_like(visible.t))
+    torch.testing.assert_close(tips, values[visible.strand, -1])
 
 
 def test_hidden_points_get_no_gradient(generator, camera):
@@ -136,7 +127,7 @@ def test_hidden_points_get_no_gradient(generator, camera):
     buffer = rasterise_lines(points, camera, torch.full((SIZE[1], SIZE[0]), 1.0))
     visible = visible_points(buffer, points)
     pixels, _ = camera.project(visible.world)
-    features = torch.cat([blended(values, visible), visible_directions(points, visible)], dim=1)
+    features = torch.cat([blended(values, visible), blended(directions(points), visible)], dim=1)
     planes = [plane for found in splat_pyramid(pixels, features, (SIZE[1], SIZE[0]), 3) for plane in found]
     torch.stack([plane.square().sum() for plane in planes]).sum().backward()
     seen = torch.zeros(60, 10, dtype=torch.bool)

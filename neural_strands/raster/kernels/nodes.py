@@ -1,0 +1,91 @@
+"""Warp kernels of the nodes between which visible points are blended (see `raster.nodes`).
+
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false
+
+from typing import no_type_check
+
+import warp as wp
+
+
+@wp.func
+@no_type_check
+def is_bent(points: wp.array[wp.vec3], first: int, last: int, straight: float) -> bool:
+    """Whether the first and the last segment between two points of a strand differ in direction."""
+    begin = points[first + 1] - points[first]
+    end = points[last] - points[last - 1]
+    return wp.dot(begin, end) < straight * wp.length(begin) * wp.length(end)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def mark_nodes(
+    start: int,
+    segments: wp.array[wp.int64],
+    positions: wp.array[float],
+    points: wp.array[wp.vec3],
+    per_strand: int,
+    stride: int,
+    straight: float,
+    before: wp.array[wp.int64],
+    along: wp.array[float],
+    marks: wp.array[int],
+) -> None:
+    """Find the nodes before and after a visible point, and its position between them.
+
+    Several items may mark the same point, all with the same value.
+    """
+    item = start + wp.tid()
+    segment = int(segments[item])
+    strand = segment // (per_strand - 1)
+    vertex = segment - strand * (per_strand - 1)
+    root = strand * per_strand
+    first = root + vertex // stride * stride
+    last = wp.min(first + stride, root + per_strand - 1)
+    if is_bent(points, first, last, straight):
+        first = root + vertex
+        last = first + 1
+    before[item] = wp.int64(first)
+    along[item] = (float(root + vertex - first) + positions[item]) / float(last - first)
+    marks[first] = 1
+    marks[last] = 1
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def blend_nodes(
+    start: int,
+    values: wp.array2d[float],
+    before: wp.array[wp.int64],
+    along: wp.array[float],
+    blended: wp.array2d[float],
+) -> None:
+    """Blend the values of a visible point's two nodes."""
+    item = start + wp.tid()
+    node = int(before[item])
+    share = along[item]
+    for channel in range(values.shape[1]):
+        here = values[node, channel]
+        blended[item, channel] = here + share * (values[node + 1, channel] - here)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def scatter_to_nodes(
+    gradients: wp.array2d[float],
+    before: wp.array[wp.int64],
+    along: wp.array[float],
+    grad_values: wp.array2d[float],
+) -> None:
+    """Add the gradient of a visible point to its two nodes."""
+    item = wp.tid()
+    node = int(before[item])
+    share = along[item]
+    for channel in range(gradients.shape[1]):
+        gradient = gradients[item, channel]
+        wp.atomic_add(grad_values, node, channel, (1.0 - share) * gradient)
+        wp.atomic_add(grad_values, node + 1, channel, share * gradient)
