@@ -15,6 +15,8 @@ from typing import IO
 
 from neural_strands.foundation.errors import InputError, reason
 
+TRACE = ("***", "PC: @", "@ ")
+"""How lines of a stack trace begin that glog writes where a process aborts."""
 LONGEST_COMPLAINT = 300
 """Largest number of characters of a program's last line that are repeated."""
 
@@ -45,10 +47,14 @@ class Worker:
         return self.process.wait()
 
     def last_words(self) -> str:
-        """Wait for its end, and return the last line that it wrote to standard error, or else its exit status."""
+        """Wait for its end, and return the last line that it wrote to standard error, or else its exit status.
+
+        A library that aborts the process writes the reason first and a stack trace after it, which is left out.
+        """
         status = self.status()
         self.complaints.seek(0)
-        return last_line(self.complaints.read(), f"exit status {status}")
+        said = [line for line in self.complaints.read().splitlines() if not line.lstrip().startswith(TRACE)]
+        return last_line("\n".join(said).replace("what():", ""), f"exit status {status}")
 
 
 def last_line(complaints: str, otherwise: str) -> str:
@@ -58,14 +64,18 @@ def last_line(complaints: str, otherwise: str) -> str:
 
 
 @contextmanager
-def started_worker(python: Path | None, program: Path, request: object, package: str) -> Iterator[Worker]:
-    """Start a worker, and wait for its end when the block ends.
+def started_worker(
+    python: Path | None, program: Path, request: object, package: str, isolated: bool = True
+) -> Iterator[Worker]:
+    """Start a worker, and wait for its end when the block ends; it is killed if the block fails or is interrupted.
 
     Args:
         python: its interpreter; this one if None.
         program: the worker's file.
         request: JSON values, which it receives.
         package: what the interpreter should have, for the message if it does not start.
+        isolated: whether it is kept from the paths and packages of this environment and its user; if not, it only does
+            not see the program's folder.
 
     Raises:
         InputError: the interpreter does not start.
@@ -79,8 +89,7 @@ def started_worker(python: Path | None, program: Path, request: object, package:
         asked.seek(0)
         try:
             process = subprocess.Popen(
-                # -I isolates the other interpreter from this environment's paths.
-                [interpreter, "-I", str(program)],
+                [interpreter, "-I" if isolated else "-P", str(program)],
                 stdin=asked,
                 stdout=subprocess.PIPE,
                 stderr=complaints,
@@ -93,4 +102,8 @@ def started_worker(python: Path | None, program: Path, request: object, package:
                 "name another."
             ) from error
         with process:
-            yield Worker(interpreter, process, complaints)
+            try:
+                yield Worker(interpreter, process, complaints)
+            except BaseException:
+                process.kill()
+                raise

@@ -1,6 +1,8 @@
 """Worker programs: what they are asked, what they answer, and how they fail."""
 
+import json
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -45,12 +47,39 @@ def test_the_last_words_of_one_that_fails(tmp_path: Path, body: str, words: str)
         assert worker.last_words() == words
 
 
+def test_one_that_aborts_says_why(tmp_path: Path):
+    trace = (
+        "terminate called\\n  what():  the disk is full\\n*** Aborted at 17 ***\\nPC: @ 0x0 abort\\n    @  0x7f main\\n"
+    )
+    body = f"sys.stderr.write('{trace}')\nsys.stderr.flush()\nimport os\nos.abort()"
+    with started_worker(None, program(tmp_path, body), {}, "json") as worker:
+        assert worker.last_words().strip() == "the disk is full"
+
+
+def test_it_is_killed_where_its_caller_fails(tmp_path: Path):
+    began = time.monotonic()
+    sleeping = program(tmp_path, "print('here', flush=True)\nimport time\ntime.sleep(60)")
+
+    def interrupted():
+        with started_worker(None, sleeping, {}, "json") as worker:
+            next(worker.answers())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - began < 30
+
+
 def test_it_sees_neither_this_folder_nor_the_users_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "elsewhere"))
     monkeypatch.chdir(tmp_path)
     with started_worker(None, program(tmp_path, "print(json.dumps(sys.path))"), {}, "json") as worker:
         (answer,) = worker.answers()
     assert str(tmp_path) not in answer
+    with started_worker(None, program(tmp_path, "print(json.dumps(sys.path))"), {}, "json", isolated=False) as worker:
+        (answer,) = worker.answers()
+    assert str(tmp_path / "elsewhere") in json.loads(answer)
+    assert str(tmp_path) not in json.loads(answer)
 
 
 def test_an_interpreter_that_does_not_start_is_one_sentence(tmp_path: Path):

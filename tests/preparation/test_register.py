@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from full_disk import smallest_files
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
@@ -48,11 +49,8 @@ def test_outside_the_masks_of_a_person_who_turns_are_no_features(tmp_path: Path)
     [((512, 512), 8, 8), ((2048, 1365), 16, 3), ((6000, 4000), 16, 1), ((2048, 1365), 2, 2)],
 )
 def test_detectors_at_work_at_once_fit_into_memory(size, cores, threads, monkeypatch: pytest.MonkeyPatch):
-    import pycolmap
-
     monkeypatch.setattr(register_module.os, "cpu_count", lambda: cores)
-    options = register_module._extraction(pycolmap, [Photograph("a.png", "a.jpg", size[0], size[1])] * 3)
-    assert options.num_threads == threads
+    assert register_module._detector_threads([Photograph("a.png", "a.jpg", size[0], size[1])] * 3) == threads
 
 
 def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
@@ -67,6 +65,29 @@ def test_photographs_that_do_not_overlap_are_one_sentence(tmp_path: Path, capfd:
         register(images, shots, matches, model, lambda _: None)
     assert "\n" not in str(caught.value)
     assert "error" not in capfd.readouterr().err.lower()
+    whole = (matches / DATABASE).read_bytes()
+    damages = (b"", whole[:5000], b"x" * 9000, whole[: len(whole) // 2], whole[:4096] + bytes(4096) + whole[8192:])
+    for damaged in damages:
+        (matches / DATABASE).write_bytes(damaged)
+        with pytest.raises(InputError, match="COLMAP's database of 4 photographs, found a damaged one; remove its"):
+            register(images, shots, matches, model, lambda _: None)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("most", [20_000, 200_000])
+def test_a_full_disk_is_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str], most: int):
+    images, matches, _ = folders(tmp_path)
+    random = np.random.default_rng(0)
+    shots = []
+    for k in range(3):
+        cells = random.integers(0, 256, (96, 128, 3), dtype=np.uint8)
+        write_picture(images / f"{k}.png", cv2.resize(cells, (512, 384), interpolation=cv2.INTER_CUBIC))
+        shots.append(Photograph(f"{k}.png", f"{k}.jpg", 512, 384, 440.0))
+    sentence = "expected COLMAP to finish, found: .*; see that the disk has room"
+    with smallest_files(most), pytest.raises(InputError, match=sentence) as caught:
+        match_photographs(images, shots, matches)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.slow(seconds=50)

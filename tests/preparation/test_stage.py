@@ -72,6 +72,7 @@ DAMAGES = ("", "{", "[1, 2]", '{"a.png": [[1, 2]]}', '{"a.png": [[[1, 2], [3, 4]
 NO_PHOTOGRAPHS = (
     *(shot(name=name) for name in ("../../a.png", "/a.png", "..", "", "b/a.png")),
     *(shot(width=0), shot(height=-6), shot(scale=0.0), shot(focal=-1.0)),
+    "[]",
     json.dumps(2 * json.loads(shot())),
 )
 

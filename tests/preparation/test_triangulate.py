@@ -5,7 +5,7 @@ import pytest
 from synthetic_face import arc, face_points, images_of
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.preparation.face.topology import LANDMARKS
+from neural_strands.preparation.face.topology import INTERIOR, LANDMARKS
 from neural_strands.preparation.face.triangulate import project, projection_matrices, triangulate, triangulate_face
 
 
@@ -60,9 +60,30 @@ def test_landmarks_that_slip_in_some_views_are_reweighted():
     assert np.linalg.norm(face.points[10] - points[10]) < 1.5e-3
 
 
+@pytest.mark.filterwarnings("error")
+def test_faces_of_one_point_or_of_none_do_not_agree():
+    cameras = arc()
+    nowhere, at_one_point = np.full((LANDMARKS, 2), np.nan), np.full((LANDMARKS, 2), 5.0)
+    for face in (nowhere, at_one_point):
+        with pytest.raises(InputError, match="expected a face in at least two"):
+            triangulate_face(cameras, [[face] for _ in cameras])
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_that_mark_other_points_are_left_out():
+    cameras, points = arc(), face_points()
+    faces = images_of(points, cameras)
+    marked = np.array(INTERIOR)
+    for view, found in enumerate(faces):
+        found[0][np.setdiff1d(np.arange(LANDMARKS), marked[:40] if view < 8 else marked[-40:])] = np.nan
+    face = triangulate_face(cameras, faces)
+    assert face.views.tolist() == [0] * 8 + [-1] * (len(cameras) - 8)
+    np.testing.assert_allclose(face.points[marked[:40]], points[marked[:40]], atol=1e-4)
+
+
 def test_no_face_and_two_people_are_refused():
     cameras, points = arc(), face_points()
-    with pytest.raises(InputError, match="expected a face in at least two"):
+    with pytest.raises(InputError, match=r"expected a face in at least two .*\(--landmarks\) or, .*\(fit --head\)"):
         triangulate_face(cameras, [[] for _ in cameras])
     beside = points + np.array([0.25, 0.0, 0.0])
     pairs = zip(images_of(points, cameras), images_of(beside, cameras), strict=True)

@@ -8,10 +8,11 @@ import itertools
 import math
 import os
 import shutil
+import sqlite3
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +20,10 @@ import numpy as np
 
 from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.progress import track
+from neural_strands.foundation.worker import started_worker
 from neural_strands.preparation.cameras.calibration import SparsePoints
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph
+from neural_strands.preparation.stage import ADVICE
 
 if TYPE_CHECKING:
     import pycolmap
@@ -48,6 +51,7 @@ PIXEL_MEMORY, FEATURE_MEMORY = 320, 3e9
 LARGEST_DETECTED = 3200
 """Longer side to which COLMAP itself reduces photographs when it detects features, pixels."""
 DATABASE = "database.db"
+WORKER = Path(__file__).with_name("match_worker.py")
 
 
 def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path, person: Path | None = None) -> None:
@@ -61,44 +65,46 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
             turns would suggest that the camera stayed still, too.
 
     Raises:
-        InputError: pycolmap is not installed.
+        InputError: pycolmap is not installed, or COLMAP failed.
     """
-    pycolmap = _pycolmap()
-    database = out / DATABASE
-    for group in track(_lens_groups(photographs), "finding features"):
-        options = pycolmap.ImageReaderOptions()
-        options.camera_model = "OPENCV" if len(group) >= SHARED_LENS else "SIMPLE_RADIAL"
-        options.default_focal_length_factor = DEFAULT_FOCALS[0]
-        if person is not None:
-            options.mask_path = person
-        first = group[0]
-        if first.focal > 0:
-            values = [first.focal] * (2 if options.camera_model == "OPENCV" else 1)
-            values += [first.width / 2, first.height / 2]
-            values += [0.0] * (8 - len(values) if options.camera_model == "OPENCV" else 1)
-            options.camera_params = ",".join(f"{value:.4f}" for value in values)
-        with _reported_errors():
-            pycolmap.extract_features(
-                database,
-                images,
-                image_names=[photograph.name for photograph in group],
-                camera_mode=pycolmap.CameraMode.SINGLE,
-                reader_options=options,
-                extraction_options=_extraction(pycolmap, group),
-                device=pycolmap.Device.cpu,
-            )
-    with _reported_errors():
-        pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    _pycolmap()
+    groups = _lens_groups(photographs)
+    request = {
+        "database": str((out / DATABASE).resolve()),
+        "images": str(images.resolve()),
+        "masks": None if person is None else str(person.resolve()),
+        "groups": [_lens_request(group) for group in groups],
+    }
+    with started_worker(None, WORKER, request, "pycolmap", isolated=False) as worker:
+        said = [line.strip() for line in track(worker.answers(), "finding features", total=len(groups) + 1)]
+        if said[-1:] != ["matched"] or worker.status() != 0:
+            raise _failure(worker.last_words())
 
 
-def _extraction(pycolmap: Any, group: Sequence[Photograph]) -> Any:
-    """Options of the detector: as many threads as the memory allows, each of which works on one photograph."""
-    options = pycolmap.FeatureExtractionOptions()
+def _lens_request(group: Sequence[Photograph]) -> dict[str, Any]:
+    """What `match_worker` is asked for photographs that share a lens."""
+    first, shared = group[0], len(group) >= SHARED_LENS
+    params = ""
+    if first.focal > 0:
+        values = [first.focal] * (2 if shared else 1)
+        values += [first.width / 2, first.height / 2]
+        values += [0.0] * (8 - len(values) if shared else 1)
+        params = ",".join(f"{value:.4f}" for value in values)
+    return {
+        "names": [photograph.name for photograph in group],
+        "model": "OPENCV" if shared else "SIMPLE_RADIAL",
+        "params": params,
+        "focal": DEFAULT_FOCALS[0],
+        "threads": _detector_threads(group),
+    }
+
+
+def _detector_threads(group: Sequence[Photograph]) -> int:
+    """As many threads of the detector as the memory allows, each of which works on one photograph."""
     sizes = [(shot.width, shot.height) for shot in group]
     shrunk = [min(1.0, LARGEST_DETECTED / max(size)) for size in sizes]
     pixels = max(width * height * scale**2 for (width, height), scale in zip(sizes, shrunk, strict=True))
-    options.num_threads = max(1, min(os.cpu_count() or 1, int(FEATURE_MEMORY / (PIXEL_MEMORY * pixels))))
-    return options
+    return max(1, min(os.cpu_count() or 1, int(FEATURE_MEMORY / (PIXEL_MEMORY * pixels))))
 
 
 def register(
@@ -120,7 +126,8 @@ def register(
     models = []
     for focal in DEFAULT_FOCALS if any(photograph.focal <= 0 for photograph in photographs) else DEFAULT_FOCALS[:1]:
         with tempfile.TemporaryDirectory(dir=out) as attempt:
-            database = _database_from(pycolmap, matches, Path(attempt), photographs, focal)
+            with _reported_errors():
+                database = _database_from(pycolmap, matches, Path(attempt), photographs, focal)
             models += _mapped(pycolmap, images, database, say, len(photographs))
     best = best_model(models)
     registered = 0 if best is None else best.num_reg_images()
@@ -154,9 +161,18 @@ def best_model(models: Sequence["pycolmap.Reconstruction"]) -> "pycolmap.Reconst
 
 
 def _database_from(pycolmap: Any, matches: Path, folder: Path, photographs: Sequence[Photograph], focal: float) -> Path:
-    """Copy the database, with lenses of unknown focal length starting at `focal` times the longer side."""
+    """Copy the database, with lenses of unknown focal length starting at `focal` times the longer side.
+
+    Raises:
+        InputError: it is damaged.
+    """
     database = folder / DATABASE
     shutil.copyfile(matches / DATABASE, database)
+    if _image_count(database) != len(photographs):
+        raise InputError(
+            f"{matches / DATABASE}: expected COLMAP's database of {len(photographs)} photographs, found a damaged one; "
+            f"{ADVICE}."
+        )
     unknown = {photograph.name for photograph in photographs if photograph.focal <= 0}
     with pycolmap.Database.open(database) as opened:
         lenses = {image.camera_id for image in opened.read_all_images() if image.name in unknown}
@@ -167,6 +183,17 @@ def _database_from(pycolmap: Any, matches: Path, folder: Path, photographs: Sequ
                 camera.params = params
                 opened.update_camera(camera)
     return database
+
+
+def _image_count(database: Path) -> int:
+    """Number of images in a database; 0 if it is damaged, in which case COLMAP might abort the process."""
+    try:
+        with closing(sqlite3.connect(database)) as opened:
+            (found,) = opened.execute("PRAGMA quick_check").fetchone()
+            (count,) = opened.execute("SELECT COUNT(*) FROM images").fetchone()
+    except sqlite3.DatabaseError:
+        return 0
+    return count if found == "ok" else 0
 
 
 def _mapped(
@@ -251,10 +278,14 @@ def _reported_errors() -> Iterator[None]:
     try:
         yield
     except (RuntimeError, ValueError) as error:
-        raise InputError(
-            f"Finding cameras: expected COLMAP to finish, found: {reason(error)}; see that the disk has room, or give "
-            "cameras with --cameras."
-        ) from error
+        raise _failure(reason(error)) from error
+
+
+def _failure(found: str) -> InputError:
+    return InputError(
+        f"Finding cameras: expected COLMAP to finish, found: {found.strip()}; see that the disk has room, or give "
+        "cameras with --cameras."
+    )
 
 
 def _pycolmap() -> Any:

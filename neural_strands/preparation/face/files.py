@@ -79,11 +79,13 @@ def read_marks(
 def parse_marks(path: Path) -> dict[str, np.ndarray]:
     """Read such a file: the landmarks (landmark, 2) of each photograph, by its name in small letters without a suffix.
 
+    Photographs without any landmark are left out.
+
     Raises:
         InputError: the file is malformed, or names an unknown landmark.
     """
     document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
-    return {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items()}
+    return {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items() if marks.members()}
 
 
 def _moved(face: np.ndarray, name: str, to_picture: Callable[[str, np.ndarray], np.ndarray]) -> np.ndarray:

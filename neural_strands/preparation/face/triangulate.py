@@ -5,6 +5,7 @@ least squares over the views that agreed, reweighted so that views in which it s
 """
 
 import itertools
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -60,14 +61,15 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
     if seen < 2:
         raise InputError(
             f"{len(cameras)} photographs: expected a face in at least two that agrees with their cameras, found faces "
-            f"in {detected}; take photographs from the front, or give landmarks (--landmarks)."
+            f"in {detected}; take photographs from the front, give landmarks (--landmarks) or, if the cameras are in "
+            "metres, a head that you have placed in their frame (fit --head)."
         )
     others = [[face for k, face in enumerate(found) if k != chosen[view]] for view, found in enumerate(faces)]
     second = int((_consensus(cameras, projections, others) >= 0).sum())
     if second >= max(2, seen // 2):
         raise InputError(
             f"{len(cameras)} photographs: expected one person, found two: one in {seen} photographs, another in "
-            f"{second}; crop the photographs to one of them."
+            f"{second}; crop the photographs to one of them, or give the landmarks of one (--landmarks)."
         )
     views = np.flatnonzero(chosen >= 0).tolist()
     pixels = np.stack([faces[view][int(chosen[view])] for view in views])
@@ -110,7 +112,7 @@ def projection_matrices(cameras: Sequence[Camera]) -> np.ndarray:
 
 def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
     """Index of each view's face that agrees with the best proposal, -1 if none does."""
-    candidates = [(view, k) for view, found in enumerate(faces) for k in range(len(found))]
+    candidates = [(view, k) for view, found in enumerate(faces) for k, face in enumerate(found) if _has_size(face)]
     best = np.full(len(cameras), -1)
     if len(candidates) < 2:
         return best
@@ -130,8 +132,12 @@ def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequen
         pair = [i, j]
         points = triangulate(projections[views[pair]], pixels[pair], np.ones((2, pixels.shape[1])))
         image, depth = project(projections[views], points)
-        error = np.nanmedian(np.linalg.norm(image - pixels, axis=-1), axis=1) / size
-        error[(np.nanmedian(depth, axis=1) <= 0) | np.isnan(error)] = np.inf
+        with warnings.catch_warnings():
+            # Faces that share no landmark with the proposal have no error; they do not agree with it.
+            warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
+            error = np.nanmedian(np.linalg.norm(image - pixels, axis=-1), axis=1) / size
+            behind = np.nanmedian(depth, axis=1) <= 0
+        error[behind | np.isnan(error)] = np.inf
         chosen = np.full(len(cameras), -1)
         score = 0.0
         for candidate in np.argsort(error):
@@ -180,6 +186,13 @@ def _standard_errors(projections: np.ndarray, pixels: np.ndarray, points: np.nda
     system[~usable] = np.eye(3)
     covariance = np.linalg.inv(system) * variance[:, None, None]
     return np.where(usable, np.sqrt(np.trace(covariance, axis1=1, axis2=2)), np.nan)
+
+
+def _has_size(face: np.ndarray) -> bool:
+    """Whether landmarks of the interior are known at two different places or more."""
+    known = face[list(INTERIOR)]
+    known = known[np.isfinite(known).all(axis=-1)]
+    return len(known) > 1 and bool((known != known[0]).any())
 
 
 def _sizes(pixels: np.ndarray) -> np.ndarray:

@@ -148,7 +148,10 @@ def read_list(folder: Path) -> list[Photograph]:
     Raises:
         InputError: the file is missing or damaged.
     """
-    rows = read_json(folder / LIST, "the list of photographs", ADVICE).elements()
+    document = read_json(folder / LIST, "the list of photographs", ADVICE)
+    rows = document.elements()
+    if not rows:
+        raise document.refuse("at least one photograph")
     listed = [config_from_json(Photograph, row) for row in rows]
     names = Counter(photograph.name for photograph in listed)
     for row, photograph in zip(rows, listed, strict=True):
