@@ -90,7 +90,10 @@ def gather_fit_data(
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_inputs(seen, segments, head)
     segments, head = segments.to(device), head.to(device)
-    grid = PointGrid.build(segments.points, config.chamfer.surface_radius / 2)
+    radius = config.chamfer.surface_radius
+    # Most points of strands are beside the segments, and fewer rows of cells tell that sooner: on two captures searches
+    # took a third to an eighth of the time that they took with cells of half the radius.
+    grid = PointGrid.build(segments.points, radius, cell=2 * radius)
     data = FitData(
         views=seen.views_on(device),
         head=head,

@@ -77,9 +77,10 @@ def surface_loss(
         targets: the line segments.
         config: radii and unit.
     """
-    distance, index = nearest(points.detach(), targets.grid, config.surface_radius)
-    near = torch.nonzero(torch.isfinite(distance) & seen).squeeze(1)
-    index = index[near]
+    visible = torch.nonzero(seen).squeeze(1)
+    _, index = nearest(points.detach()[visible], targets.grid, config.surface_radius)
+    near = index >= 0
+    near, index = visible[near], index[near]
     _, first = nearest(targets.points[index], everything, config.occupied)
     free = (first < 0) | (first // per_strand == near // per_strand)
     near, index = near[free], index[free]

@@ -10,6 +10,7 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.triangles import rasterise_triangles
 
 
 @torch.no_grad()
@@ -23,7 +24,8 @@ def front_segments(
         strands: world metres; drawn one pixel wide.
         camera: camera of the view.
     """
-    return rasterise_lines(strands, camera, model.body(camera).depth, replace(model.lines, width=0.0)).segment
+    depth = rasterise_triangles(model.body.vertices, model.body.faces, camera).depth
+    return rasterise_lines(strands, camera, depth, replace(model.lines, width=0.0)).segment
 
 
 @torch.no_grad()
