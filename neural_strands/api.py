@@ -210,6 +210,7 @@ def render(model: HairModel, camera: Camera, strands: Strands | None = None) -> 
         Images of the camera's size: `rgb` (sRGB, not clamped), `alpha` of the hair, and more.
 
     Raises:
+        InputError: the view does not fit into memory.
         ValueError: the strands have no `root_uv`.
 
     Examples:

@@ -1,11 +1,15 @@
-"""Keeps freed memory that will be needed again soon."""
+"""The memory of this process: how much it may still take, and keeping what will be needed again soon."""
 
 import ctypes
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's `mallopt`, numbered as in malloc.h."""
 
+CONTAINER = Path("/sys/fs/cgroup")
+"""Where Linux says what a container may use."""
 KEPT = 1 << 30
 """Free bytes at the end of the heap that the process keeps, and smallest request that is mapped separately."""
 
@@ -24,3 +28,33 @@ def keep_freed_memory() -> bool:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     # Other C libraries may lack it.
     return mallopt is not None and all(mallopt(name, KEPT) == 1 for name in (TRIM_THRESHOLD, MMAP_THRESHOLD))
+
+
+def free_memory() -> int | None:
+    """Bytes that this process may still take, as far as the system says; None if it does not say.
+
+    Linux reports what is available to all processes; a container and a limit on the process's addresses may allow less.
+    """
+    try:
+        available = _first_number(Path("/proc/meminfo").read_text().partition("MemAvailable:")[2])
+    except OSError:
+        return None
+    bounds = [] if available is None else [1024 * available]
+    with suppress(OSError):
+        most = _first_number((CONTAINER / "memory.max").read_text())
+        taken = _first_number((CONTAINER / "memory.current").read_text())
+        if most is not None and taken is not None:
+            bounds.append(most - taken)
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY:
+        pages = _first_number(Path("/proc/self/statm").read_text())
+        bounds.append(limit - (pages or 0) * resource.getpagesize())
+    return max(0, min(bounds)) if bounds else None
+
+
+def _first_number(text: str) -> int | None:
+    """The first word of a text, if it is a number; None for "max", by which Linux means no limit."""
+    word = text.split(maxsplit=1)[:1]
+    return int(word[0]) if word and word[0].isdecimal() else None

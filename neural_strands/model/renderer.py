@@ -7,6 +7,7 @@ import torch
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
+from neural_strands.model.frame_memory import check_frame_memory
 from neural_strands.model.hair_model import HairImage, HairModel, RenderOutput
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import BakedLight, LightChange
@@ -84,12 +85,22 @@ class HairRenderer:
 
     @torch.no_grad()
     def render(self, camera: Camera) -> RenderOutput:
-        """Render one view, of any size."""
+        """Render one view, of any size that fits into memory.
+
+        Raises:
+            InputError: it does not fit.
+        """
+        check_frame_memory(self.strands, camera, self.model.config.supersample)
         return self.model.render(self.strands, camera, volume=self.volume, light=self.light)
 
     @torch.no_grad()
     def render_hair(self, camera: Camera) -> HairImage:
-        """Render the hair alone, without what lies behind it."""
+        """Render the hair alone, without what lies behind it.
+
+        Raises:
+            InputError: the view does not fit into memory.
+        """
+        check_frame_memory(self.strands, camera, self.model.config.supersample)
         return self.model.render_hair(self.strands, camera, volume=self.volume, light=self.light)
 
     @cached_property

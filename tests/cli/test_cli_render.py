@@ -109,7 +109,9 @@ def test_a_video_has_every_frame(saved, tmp_path):
     ("words", "message"),
     [
         (["--out", "x"], "either --camera or --turntable"),
-        (["--out", "x", "--turntable", "0"], "at least one camera"),
+        (["--out", "x", "--turntable", "0"], "--turntable: expected 1 to 100000 cameras, found 0"),
+        (["--out", "x", "--turntable", "1000000000"], "--turntable: expected 1 to 100000 cameras"),
+        (["--out", "x", "--turntable", "1", "--size", "16384", "16384"], "a frame of 16384 x 16384 pixels: expected"),
         (["--out", "x.mp4", "--turntable", "1", "--alpha"], "no alpha channel"),
         (["--out", "x.avi", "--turntable", "1"], "ends in .avi"),
         (["--out", "x.png", "--turntable", "1"], "a file that ends in .mp4"),

@@ -3,10 +3,11 @@
 import platform
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from neural_strands.foundation.memory import keep_freed_memory
+from neural_strands.foundation.memory import free_memory, keep_freed_memory
 
 PROGRAM = """
 import ctypes, sys
@@ -36,6 +37,37 @@ def kept_bytes(how: str) -> int:
 def test_a_freed_block_stays_only_when_asked():
     assert kept_bytes("kept") > 95_000_000
     assert kept_bytes("default") < 20_000_000
+
+
+LIMITED = """
+import resource, sys
+from neural_strands.foundation.memory import free_memory
+mapped = resource.getpagesize() * int(open("/proc/self/statm").read().split()[0])
+resource.setrlimit(resource.RLIMIT_AS, (mapped + 300_000_000, resource.RLIM_INFINITY))
+print(free_memory())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux says what is free")
+def test_what_is_free_is_what_can_be_taken():
+    whole = 1024 * int(Path("/proc/meminfo").read_text().partition("MemTotal:")[2].split()[0])
+    free = free_memory()
+    assert free is not None
+    assert 0 < free < whole
+    done = subprocess.run([sys.executable, "-c", LIMITED], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == pytest.approx(3e8, rel=0.05)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux says what is free")
+def test_a_container_may_allow_less(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("neural_strands.foundation.memory.CONTAINER", tmp_path)
+    (tmp_path / "memory.max").write_text("5000000\n")
+    (tmp_path / "memory.current").write_text("3000000\n")
+    assert free_memory() == 2_000_000
+    (tmp_path / "memory.max").write_text("max\n")
+    free = free_memory()
+    assert free is not None
+    assert free > 5_000_000
 
 
 def test_another_library_is_left_alone(monkeypatch):

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 VIDEO_SUFFIXES = (".mp4",)
 """Suffixes of --out that mean a video."""
+MOST_CAMERAS = 100_000
+"""Largest number of cameras on a turntable."""
 MOST_POINTS = 10_000
 """Largest number of points per strand, as in `export`."""
 
@@ -96,8 +98,8 @@ class Render:
         """Refuse arguments that contradict each other, before anything is loaded."""
         if (self.camera is None) == (self.turntable is None):
             raise InputError("render: expected either --camera or --turntable, found both or neither; give one.")
-        if self.turntable is not None and self.turntable < 1:
-            raise InputError(f"--turntable: expected at least one camera, found {self.turntable}.")
+        if self.turntable is not None and not 1 <= self.turntable <= MOST_CAMERAS:
+            raise InputError(f"--turntable: expected 1 to {MOST_CAMERAS} cameras, found {self.turntable}.")
         if self.size is not None and not all(1 <= side <= 16384 for side in self.size):
             raise InputError(f"--size: expected width and height from 1 to 16384 pixels, found {self.size}.")
         if self.points is not None and not 2 <= self.points <= MOST_POINTS:
