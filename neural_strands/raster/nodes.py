@@ -15,6 +15,7 @@ from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.raster.kernels import nodes as node_kernels
+from neural_strands.raster.quads import quads, room_for_quads, whole_quads
 from neural_strands.raster.visible import VisiblePoints
 
 PIECES = 33
@@ -110,18 +111,19 @@ class _Blend(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, before: Tensor, along: Tensor) -> Tensor:
-        blended = kernels.zeros((len(before), values.shape[1]), torch.float32, values.device)
-        inputs = [kernels.array(tensor) for tensor in (values, before, along, blended)]
+        nodes, channels = values.shape
+        blended = room_for_quads(len(before), channels, values.device)
+        inputs = [quads(whole_quads(values)), kernels.array(before), kernels.array(along), quads(blended)]
         kernels.launch_split(node_kernels.blend_nodes, len(before), inputs, values.device)
         ctx.save_for_backward(before, along)
-        ctx.nodes = len(values)
-        return blended
+        ctx.nodes = nodes
+        return blended[:, :channels]
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
         before, along = ctx.saved_tensors
-        gradient = gradients[0]
-        found = torch.zeros(ctx.nodes, gradient.shape[1], device=gradient.device)
-        inputs = [kernels.array(tensor) for tensor in (gradient, before, along, found)]
-        kernels.launch(node_kernels.scatter_to_nodes, len(before), inputs, gradient.device)
-        return found, None, None
+        channels, device = gradients[0].shape[1], gradients[0].device
+        found = room_for_quads(ctx.nodes, channels, device)
+        inputs = [quads(whole_quads(gradients[0])), kernels.array(before), kernels.array(along), quads(found)]
+        kernels.launch(node_kernels.scatter_to_nodes, len(before), inputs, device)
+        return found[:, :channels], None, None

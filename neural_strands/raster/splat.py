@@ -12,16 +12,16 @@ import torch
 import warp as wp
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn import functional as F
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.raster.kernels import splats as splat_kernels
+from neural_strands.raster.quads import QUAD, quads, whole_quads
 from neural_strands.raster.reference import splat_reference
 
 MINIMUM_WEIGHT = 0.1
 """Default of the smallest divisor of the weighted mean."""
-QUAD = 4
-"""Channels that kernels handle together and that one CUDA thread adds. On the CPU one item is a whole point."""
 
 
 class SplatMap(NamedTuple):
@@ -99,14 +99,14 @@ class _Splat(torch.autograd.Function):
         amounts: Tensor,
     ) -> tuple[Tensor, ...]:
         channels = features.shape[1]
-        features = _whole_quads(features)
+        features = whole_quads(features)
         planes = [
             (features.new_zeros(height * width, features.shape[1]), features.new_zeros(height * width))
             for height, width in sizes
         ]
         _accumulate(pixels, amounts, features, sizes, planes)
         for means, weights in planes:
-            inputs = [minimum_weight, kernels.array(weights), _quads(means)]
+            inputs = [minimum_weight, kernels.array(weights), quads(means)]
             kernels.launch_split(splat_kernels.normalise, len(weights), inputs, features.device)
         ctx.save_for_backward(pixels, amounts, features, *(plane for pair in planes for plane in pair))
         ctx.sizes, ctx.minimum_weight, ctx.channels = sizes, minimum_weight, channels
@@ -121,22 +121,24 @@ class _Splat(torch.autograd.Function):
             grads, planes = gradients[2 * level : 2 * level + 2], flat[2 * level : 2 * level + 2]
             if grads[0] is None and grads[1] is None:
                 continue
-            grad_means = torch.zeros_like(planes[0]) if grads[0] is None else _whole_quads(grads[0])
+            # Zeros, which `whole_quads` does not promise: the added channels must not move the points.
+            missing = planes[0].shape[1] - ctx.channels
+            grad_means = torch.zeros_like(planes[0]) if grads[0] is None else F.pad(grads[0], (0, missing))
             grad_weights = torch.zeros_like(planes[1]) if grads[1] is None else grads[1]
             inputs = [
                 kernels.array(pixels, wp.vec2),
                 kernels.array(amounts),
-                _quads(features),
+                quads(features),
                 0.5**level,
                 width,
                 height,
                 ctx.minimum_weight,
-                _quads(planes[0]),
+                quads(planes[0]),
                 kernels.array(planes[1]),
-                _quads(grad_means),
+                quads(grad_means),
                 kernels.array(grad_weights),
                 kernels.array(grad_pixels, wp.vec2),
-                _quads(grad_features),
+                quads(grad_features),
             ]
             kernels.launch_split(splat_kernels.gather_gradients, len(pixels), inputs, pixels.device)
         return grad_pixels, grad_features[:, : ctx.channels], None, None, None
@@ -154,29 +156,19 @@ def _accumulate(
     kernels.load(kernel, device)
     on_gpu = device.type == "cuda"
     bands = 1 if on_gpu else torch.get_num_threads()
-    quads = max(features.shape[1] // QUAD, 1)
-    run = 1 if on_gpu else quads
-    items = len(pixels) * (quads // run)
-    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), _quads(features)]
+    # One CUDA thread adds one quad; on the CPU one item is a whole point.
+    count = max(features.shape[1] // QUAD, 1)
+    run = 1 if on_gpu else count
+    items = len(pixels) * (count // run)
+    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), quads(features)]
     jobs = [[] for _ in range(bands)]
     for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
-        outputs = [_quads(sums), kernels.array(weights)]
+        outputs = [quads(sums), kernels.array(weights)]
         for band in range(bands):
             rows = [height * band // bands, height * (band + 1) // bands]
             inputs = [*points, 0.5**level, width, *rows, run, *outputs]
             jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
     kernels.run_together([functools.partial(_run_all, band) for band in jobs])
-
-
-def _whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item padded"]:
-    """Pad with channels of zeros up to a multiple of `QUAD`."""
-    missing = -features.shape[1] % QUAD
-    return torch.nn.functional.pad(features, (0, missing)) if missing else features
-
-
-def _quads(features: Float[Tensor, "item padded"]) -> Any:
-    """View channels as vectors of `QUAD`."""
-    return kernels.array(features.contiguous().view(len(features), features.shape[1] // QUAD, QUAD), wp.vec4)
 
 
 def _run_all(jobs: list) -> None:

@@ -82,3 +82,19 @@ def test_colours_at_vertices_are_those_of_the_texture_there():
     expected = torch.stack([body.colour[0, 0], body.colour[0, 3], body.colour[3, 0]])
     torch.testing.assert_close(body.vertex_colours(), expected)
     assert wall().vertex_colours().shape == (3, 3)
+
+
+def test_nearness_is_the_mean_of_what_lies_within_reach():
+    """Pixel by pixel, also at the borders and in pictures smaller than the window."""
+    random = torch.Generator().manual_seed(0)
+    for height, width in ((50, 37), (1, 1), (5, 40)):
+        coverage = (torch.rand(height, width, generator=random) < 4 / (height * width)).float()
+
+        def around(image, row, column, reach):
+            return image[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+
+        pixels = [(row, column) for row in range(height) for column in range(width)]
+        within = torch.tensor([float(around(coverage, *pixel, 2 * REACH).any()) for pixel in pixels])
+        within = within.view(height, width)
+        expected = torch.tensor([float(around(within, *pixel, REACH).mean()) for pixel in pixels])
+        torch.testing.assert_close(near_hair(coverage), expected.view(height, width), rtol=0, atol=1e-6)

@@ -59,33 +59,33 @@ def mark_nodes(
 @no_type_check
 def blend_nodes(
     start: int,
-    values: wp.array2d[float],
+    values: wp.array2d[wp.vec4],
     before: wp.array[wp.int64],
     along: wp.array[float],
-    blended: wp.array2d[float],
+    blended: wp.array2d[wp.vec4],
 ) -> None:
     """Blend the values of a visible point's two nodes."""
     item = start + wp.tid()
     node = int(before[item])
     share = along[item]
-    for channel in range(values.shape[1]):
-        here = values[node, channel]
-        blended[item, channel] = here + share * (values[node + 1, channel] - here)
+    for quad in range(values.shape[1]):
+        here = values[node, quad]
+        blended[item, quad] = here + share * (values[node + 1, quad] - here)
 
 
 @wp.kernel(enable_backward=False)
 @no_type_check
 def scatter_to_nodes(
-    gradients: wp.array2d[float],
+    gradients: wp.array2d[wp.vec4],
     before: wp.array[wp.int64],
     along: wp.array[float],
-    grad_values: wp.array2d[float],
+    grad_values: wp.array2d[wp.vec4],
 ) -> None:
     """Add the gradient of a visible point to its two nodes."""
     item = wp.tid()
     node = int(before[item])
     share = along[item]
-    for channel in range(gradients.shape[1]):
-        gradient = gradients[item, channel]
-        wp.atomic_add(grad_values, node, channel, (1.0 - share) * gradient)
-        wp.atomic_add(grad_values, node + 1, channel, share * gradient)
+    for quad in range(gradients.shape[1]):
+        gradient = gradients[item, quad]
+        wp.atomic_add(grad_values, node, quad, (1.0 - share) * gradient)
+        wp.atomic_add(grad_values, node + 1, quad, share * gradient)
