@@ -60,7 +60,7 @@ from neural_strands.preparation.photographs.folder import (
     write_picture,
 )
 from neural_strands.preparation.photographs.video import import_video
-from neural_strands.preparation.source import Source, find_source
+from neural_strands.preparation.source import Source, find_source, has_unused_cameras
 from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
@@ -121,6 +121,8 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
         request.head.detector.check()
     if isinstance(request.segmenter, str):
         check_command(request.segmenter)
+    if has_unused_cameras(source):
+        say(f"Cameras are estimated; to use the ones in {request.photographs}, pass --cameras {request.photographs}.")
     with sole_writer(request.out / STAGES):
         remove_leftovers(request.out)
         return _all_stages(request, source, say)

@@ -50,6 +50,13 @@ def find_source(path: Path, cameras: Path | None) -> Source:
     return Source(tuple(images), False, path)
 
 
+def has_unused_cameras(source: Source) -> bool:
+    """Whether a folder of photographs also contains a model that is not used."""
+    folder = source.files[0].parent
+    known = find_sparse_model(folder) is not None or (folder / "transforms.json").is_file()
+    return source.cameras is None and not source.is_video and known
+
+
 def _images_of(path: Path) -> Sequence[Path] | None:
     """The photographs of a model; None if the path is not a model."""
     suffix = path.suffix.lower()
@@ -73,7 +80,8 @@ def _images_of(path: Path) -> Sequence[Path] | None:
 def _colmap_images(path: Path, model: Path) -> Sequence[Path]:
     """The images of a COLMAP model, which lie in `images` beside it or above it, or in such a folder itself."""
     names = [view.camera.name for view in read_colmap(path, model)]
-    bases = (path, model.parent, model.parent.parent)
+    above = model.resolve().parents
+    bases = (path, *above[:2])
     roots = [root for base in bases for root in (base / "images", base)]
     root = next((root for root in roots if (root / names[0]).is_file()), path / "images")
     return [root / name for name in names]

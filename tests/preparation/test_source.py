@@ -13,7 +13,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.given import read_cameras
 from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.preparation.prepare import prepare
-from neural_strands.preparation.source import Source, find_source
+from neural_strands.preparation.source import Source, find_source, has_unused_cameras
 
 NAMES = ("a.png", "b.png", "c.png")
 
@@ -43,7 +43,11 @@ def test_a_folder_of_photographs_is_no_model(tmp_path: Path):
     files = photographs(tmp_path)
     colmap(tmp_path / "sparse" / "0")
     assert find_source(tmp_path, None) == Source(files, False, None)
+    assert has_unused_cameras(find_source(tmp_path, None))
     assert find_source(tmp_path, tmp_path / "sparse") == Source(files, False, tmp_path / "sparse")
+    assert not has_unused_cameras(find_source(tmp_path, tmp_path / "sparse"))
+    alone = photographs(tmp_path / "alone")
+    assert not has_unused_cameras(find_source(alone[0].parent, None))
     (tmp_path / "film.mp4").touch()
     assert find_source(tmp_path / "film.mp4", None) == Source((tmp_path / "film.mp4",), True, None)
 
