@@ -9,11 +9,11 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import directions
 from neural_strands.raster.lines import LineConfig, rasterise_lines
-from neural_strands.raster.nodes import PIECES, STRAIGHT, visible_nodes
+from neural_strands.raster.nodes import DENSE, STRAIGHT, STRIDE, visible_nodes
 from neural_strands.raster.visible import visible_points
 
-POINTS = 3 * PIECES + 1
-"""Points of a strand, every third of which is a node."""
+POINTS = 33 * STRIDE + 1
+"""Points of a strand, of which every third is a node."""
 
 
 @pytest.fixture
@@ -36,8 +36,9 @@ def seen(points, camera, factor=2):
     return visible_points(rasterise_lines(points, fine, config=LineConfig(width=0.004)), points, factor)
 
 
-@pytest.mark.parametrize(("bend", "stride"), [(0.1, 3), (0.2, 1)])
+@pytest.mark.parametrize(("bend", "stride"), [(0.1, STRIDE), (0.2, 1)])
 def test_every_third_point_of_a_straight_strand_is_a_node_and_every_point_of_a_curl(camera, device, bend, stride):
+    assert STRIDE == 3
     assert math.cos(2 * 0.2) < STRAIGHT < math.cos(2 * 0.1)
     points = strands(20, bend).to(device)
     visible = seen(points, camera.to(device))
@@ -56,7 +57,7 @@ def test_every_third_point_of_a_straight_strand_is_a_node_and_every_point_of_a_c
 
 
 def test_a_strand_of_few_points_has_a_node_at_each(camera):
-    points = strands(20, 0.0, 12)
+    points = strands(20, 0.0, DENSE - 1)
     nodes, visible = visible_nodes(seen(points, camera), points), seen(points, camera)
     assert torch.equal(nodes.vertex[nodes.before], visible.vertex)
     torch.testing.assert_close(nodes.along, visible.position)
@@ -114,3 +115,13 @@ def test_where_nothing_is_seen_there_are_no_nodes(camera):
     nodes = visible_nodes(seen(points, camera), points)
     assert len(nodes) == len(nodes.before) == 0
     assert nodes.blend(torch.zeros(0, 4)).shape == (0, 4)
+
+
+@pytest.mark.parametrize("count", [DENSE, 101, 201])
+def test_nodes_lie_at_the_same_points_whatever_follows(camera, count):
+    """Hair that is cut shorter keeps its nodes."""
+    points = strands(20, 0.05, count)
+    nodes = visible_nodes(seen(points, camera), points)
+    inner = nodes.vertex[nodes.vertex < count - 1]
+    assert len(inner) > 100
+    assert not (inner % STRIDE).any()
