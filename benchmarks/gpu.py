@@ -4,11 +4,12 @@ The parts, in order: tests that compare the device with the CPU; the speed of fr
 of line drawing compared with OpenGL; a synthetic capture, unless CAPTURE names one; stereo; the `paper` preset and its
 scores. A call ends after `--seconds` with status 75, and the same command resumes, the fit from its checkpoint. OUT
 contains a JSON file and a log per part, and `results.md` with tables in the form of docs/results.md. Status 1 means
-that a part has failed; remove its `.failed.json` to retry it. `--device cpu --quick` runs tiny versions of all parts
-within minutes on any machine.
+that a part has failed; remove its `.failed.json` to retry it. Status 2 means that the machine lacks something that one
+sentence names. `--device cpu --quick` runs tiny versions of all parts within minutes on any machine.
 """
 
 import argparse
+import importlib.util
 import json
 import os
 import platform
@@ -26,6 +27,10 @@ from gpu_tables import last_json, results, said
 ROOT = Path(__file__).resolve().parents[1]
 GO_ON = 75
 """Exit status when the time is up: EX_TEMPFAIL."""
+UNREADY = 2
+"""Exit status if this machine lacks something."""
+PACKAGES = ("torch", "warp", "tyro", "trimesh", "pytest", "pytest_timeout", "beartype", "hypothesis")
+"""Packages without which parts fail."""
 NO_TESTS = 5
 """pytest's status if no test in a folder uses the device."""
 TESTS = ("raster", "geometry", "model", "lmvs", "fitting", "prior")
@@ -145,6 +150,25 @@ def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
     return True
 
 
+def unready(options: argparse.Namespace) -> str | None:
+    """A sentence about what this machine lacks, so that no part is begun in vain; None if everything is there."""
+    needed = [*PACKAGES, *(["mitsuba"] if options.capture is None and not options.quick else [])]
+    missing = [name for name in needed if importlib.util.find_spec(name) is None]
+    if missing:
+        return (
+            f"{sys.executable}: expected a Python with the packages of this project, found none of "
+            f"{', '.join(missing)}; run `pip install -e '.[synthesis,photos,view,dev]'` with it, or `make fast`."
+        )
+    import torch
+
+    if options.device == "cuda" and not torch.cuda.is_available():
+        return (
+            f"expected a GPU that torch {torch.__version__} (CUDA {torch.version.cuda}) can use, found none; see "
+            "nvidia-smi, install a build of torch for CUDA, or pass --device cpu --quick."
+        )
+    return None
+
+
 def machine(device: str) -> dict[str, str]:
     """Describe the machine."""
     import torch
@@ -165,6 +189,9 @@ def main() -> int:
     options = parser.parse_args()
     options.out = options.out.absolute()
     options.capture = None if options.capture is None else options.capture.absolute()
+    if (lack := unready(options)) is not None:
+        sys.stderr.write(f"gpu.sh: {lack}\n")
+        return UNREADY
     options.out.mkdir(parents=True, exist_ok=True)
     todo = [part for part in parts(options) if options.only in part.name]
     began, over = time.monotonic(), True

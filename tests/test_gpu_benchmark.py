@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from neural_strands.cli.main import _parse
 
@@ -81,6 +82,23 @@ def test_a_part_that_cannot_end_in_a_call_fails_only_if_it_had_the_whole_call(gp
     assert not list(tmp_path.glob("*.json"))
     assert gpu.run(part, tmp_path, 0.5, whole=True)
     assert (tmp_path / "parity.failed.json").is_file()
+
+
+def test_a_machine_that_lacks_something_is_told_before_any_part(gpu, tmp_path, monkeypatch, capsys):
+    assert gpu.unready(options(tmp_path)) is None
+    words = ["gpu.py", str(tmp_path / "out")]
+    if not torch.cuda.is_available():
+        monkeypatch.setattr(sys, "argv", words)
+        assert gpu.main() == 2
+        assert "expected a GPU that torch" in capsys.readouterr().err
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        gpu.importlib.util, "find_spec", lambda name: None if name in ("warp", "mitsuba") else found(name)
+    )
+    monkeypatch.setattr(sys, "argv", [*words, "--device", "cpu"])
+    assert gpu.main() == 2
+    assert "found none of warp, mitsuba; run `pip install" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_tables_are_those_of_the_results(gpu, tmp_path):
