@@ -201,10 +201,11 @@ def main() -> int:
         if not over:
             print(f"Time is up in {part.name}; run the same command again.")
             break
-    (options.out / "results.md").write_text(results(options.out, machine(options.device)), encoding="utf-8")
+    tables = results(options.out, machine(options.device), options.quick)
+    (options.out / "results.md").write_text(tables, encoding="utf-8")
     if not over:
         return GO_ON
-    print((options.out / "results.md").read_text(encoding="utf-8"))
+    print(tables)
     return int(any((options.out / f"{part.name}.failed.json").is_file() for part in todo))
 
 

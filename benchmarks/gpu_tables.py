@@ -37,15 +37,17 @@ def said(text: str) -> dict[str, Any]:
     return {"summary": lines[-1] if lines else "", "output": text[-8000:]}
 
 
-def results(out: Path, about: Mapping[str, str]) -> str:
-    """All tables for which there are records."""
+def results(out: Path, about: Mapping[str, str], quick: bool = False) -> str:
+    """All tables for which there are records; those of tiny versions of the parts say so and are set beside no goal."""
     records = {path.stem: json.loads(path.read_text()) for path in sorted(out.glob("*.json")) if _is_record(path)}
     failed = [path.name.removesuffix(".failed.json") for path in sorted(out.glob("*.failed.json"))]
     parts = ["## On a GPU", ", ".join(f"{name} {value}" for name, value in about.items())]
+    if quick:
+        parts.append("A trial with tiny sizes; none of these figures counts.")
     if failed:
         parts.append(f"Failed, see the logs: {', '.join(failed)}.")
     for title, found in (
-        ("Goals", _goals(records)),
+        ("Goals", "" if quick else _goals(records)),
         ("The device against the CPU", _parity(records)),
         ("Frames, ms", _frames(records)),
         ("A step of the fit, median ms", _step(records)),

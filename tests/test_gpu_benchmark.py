@@ -133,3 +133,6 @@ def test_the_tables_are_those_of_the_results(gpu, tmp_path):
         "| 12 | 27.12 | 0.5 | - |",
     ):
         assert line in told.splitlines()
+    tiny = gpu.results(tmp_path, {"device": "H200"}, quick=True)
+    assert "none of these figures counts" in tiny
+    assert "Goals" not in tiny
