@@ -13,7 +13,7 @@ class HeadOptions:
     """What a head is made from."""
 
     template: Path | None = None
-    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl. Default: the mannequin."""
+    """Head to fit to the person: a mesh with a face, y up, +z forward, or FLAME's .pkl. Default: the built-in head."""
     scalp: Path | None = None
     """The template's scalp: a chart, a list of faces or a painted mask. Default: found from the shape."""
     landmarks: Path | None = None

@@ -22,14 +22,14 @@ class Prepare(HeadOptions):
     """
 
     photographs: Annotated[Path, tyro.conf.Positional]
-    """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several; or a video; or photographs with
-    known cameras: a folder with a COLMAP model and its images, transforms.json, or Metashape's .xml or RealityCapture's
-    .csv in the folder of its photographs."""
+    """Folder of photographs (JPEG, PNG, TIFF, WebP, HEIC), of one size or several; a video; or a model of photographs
+    with known cameras: a folder with a COLMAP model and its images, transforms.json, or Metashape's .xml or
+    RealityCapture's .csv in the folder of the photographs."""
     out: Annotated[Path, tyro.conf.Positional]
     """Folder for the capture."""
     cameras: Path | None = None
-    """Known cameras of PHOTOGRAPHS, if they are stored elsewhere, instead of estimating them: a folder with a COLMAP
-    model, transforms.json, Metashape's .xml or RealityCapture's .csv."""
+    """Known cameras of the photographs in PHOTOGRAPHS, instead of estimating them: a folder with a COLMAP model,
+    transforms.json, Metashape's .xml or RealityCapture's .csv."""
     masks: Path | None = None
     """Hair masks, instead of segmenting the hair: a folder of PNG files named like the photographs, white where there
     is hair."""
