@@ -116,30 +116,25 @@ class _Splat(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         pixels, amounts, features, *flat = ctx.saved_tensors
-        grad_pixels, grad_features = torch.zeros_like(pixels), torch.zeros_like(features)
+        # The pixels of strands that stay where they are need no gradient, which would take most of the time.
+        grad_pixels = torch.zeros_like(pixels) if ctx.needs_input_grad[0] else None
+        grad_features = torch.zeros_like(features)
+        points = [kernels.array(pixels, wp.vec2), kernels.array(amounts)]
         for level, (height, width) in enumerate(ctx.sizes):
-            grads, planes = gradients[2 * level : 2 * level + 2], flat[2 * level : 2 * level + 2]
-            if grads[0] is None and grads[1] is None:
+            grads, (means, weights) = gradients[2 * level : 2 * level + 2], flat[2 * level : 2 * level + 2]
+            if grads[0] is None and (grads[1] is None or grad_pixels is None):
                 continue
             # Zeros, which `whole_quads` does not promise: the added channels must not move the points.
-            missing = planes[0].shape[1] - ctx.channels
-            grad_means = torch.zeros_like(planes[0]) if grads[0] is None else F.pad(grads[0], (0, missing))
-            grad_weights = torch.zeros_like(planes[1]) if grads[1] is None else grads[1]
-            inputs = [
-                kernels.array(pixels, wp.vec2),
-                kernels.array(amounts),
-                quads(features),
-                0.5**level,
-                width,
-                height,
-                ctx.minimum_weight,
-                quads(planes[0]),
-                kernels.array(planes[1]),
-                quads(grad_means),
-                kernels.array(grad_weights),
-                kernels.array(grad_pixels, wp.vec2),
-                quads(grad_features),
-            ]
+            missing = means.shape[1] - ctx.channels
+            grad_means = torch.zeros_like(means) if grads[0] is None else F.pad(grads[0], (0, missing))
+            at, place = [0.5**level, width, height, ctx.minimum_weight], kernels.array(weights)
+            if grad_pixels is None:
+                inputs = [*points, *at, place, quads(grad_means), quads(grad_features)]
+                kernels.launch_split(splat_kernels.gather_feature_gradients, len(pixels), inputs, pixels.device)
+                continue
+            grad_weights = torch.zeros_like(weights) if grads[1] is None else grads[1]
+            inputs = [*points, quads(features), *at, quads(means), place, quads(grad_means)]
+            inputs += [kernels.array(grad_weights), kernels.array(grad_pixels, wp.vec2), quads(grad_features)]
             kernels.launch_split(splat_kernels.gather_gradients, len(pixels), inputs, pixels.device)
         return grad_pixels, grad_features[:, : ctx.channels], None, None, None
 

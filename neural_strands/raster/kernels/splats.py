@@ -124,3 +124,37 @@ def gather_gradients(
                 float(2 * (corner % 2) - 1) * weight_y, float(2 * (corner // 2) - 1) * weight_x
             )
     grad_pixels[point] = grad_pixels[point] + total
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def gather_feature_gradients(
+    start: int,
+    pixels: wp.array[wp.vec2],
+    amounts: wp.array[float],
+    scale: float,
+    width: int,
+    height: int,
+    minimum_weight: float,
+    weights: wp.array[float],
+    grad_means: wp.array2d[wp.vec4],
+    grad_features: wp.array2d[wp.vec4],
+) -> None:
+    """`gather_gradients` for points whose positions need none."""
+    point = start + wp.tid()
+    x = pixels[point][0] * scale - 0.5
+    y = pixels[point][1] * scale - 0.5
+    if not (x > -1.0 and x < float(width) and y > -1.0 and y < float(height)):
+        return
+    column = int(wp.floor(x))
+    row = int(wp.floor(y))
+    for corner in range(4):
+        u = column + corner % 2
+        v = row + corner // 2
+        weight_x = corner_weight(x - float(column), corner % 2)
+        weight_y = corner_weight(y - float(row), corner // 2)
+        if u >= 0 and u < width and v >= 0 and v < height:
+            cell = v * width + u
+            share = weight_x * weight_y * (amounts[point] / wp.max(weights[cell], minimum_weight))
+            for quad in range(grad_features.shape[1]):
+                grad_features[point, quad] = grad_features[point, quad] + share * grad_means[cell, quad]
