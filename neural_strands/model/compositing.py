@@ -27,6 +27,8 @@ START = 0.2
 """Initial colour of body and background, linear: mid grey."""
 REACH = 6
 """Distance from the strands, in pixels, up to which the network may add hair."""
+DENSEST = 0.995
+"""Mean coverage above which `surrounding_odds` grows no more."""
 CONTEXT = 14
 """Pixels beyond the farthest that may show hair which the image generator also sees."""
 
@@ -217,6 +219,15 @@ def equirectangular(directions: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 2"
     """
     x, y, z = directions.unbind(-1)
     return torch.stack([torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5], dim=-1)
+
+
+def surrounding_odds(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
+    """Logit of the mean coverage of 5 x 5 pixels where that is above a half, and 0 elsewhere.
+
+    Fewer strands are drawn than grow on a head, so dense hair has small gaps where a photograph has none.
+    """
+    mean = F.avg_pool2d(coverage[None, None], 5, stride=1, padding=2, count_include_pad=False)[0, 0]
+    return torch.logit(mean.clamp(0.5, DENSEST))
 
 
 def near_hair(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:

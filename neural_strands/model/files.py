@@ -22,8 +22,8 @@ CONFIG_NAME = "config.json"
 MODEL_NAME = "model"
 """Name of the model's folder inside a run."""
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 6
-"""Version of the folder's layout."""
+FORMAT = 7
+"""Version of the folder's layout and of what the networks see."""
 ADVICE = "copy the folder again or fit anew"
 SHAPES = {
     "root_position": "root 3",

@@ -30,6 +30,7 @@ from neural_strands.model.compositing import (
     filled_from_coarser,
     hair_rectangle,
     near_hair,
+    surrounding_odds,
     weighted_gradient,
 )
 from neural_strands.model.hair_volume import HairVolume, hair_volume
@@ -53,10 +54,12 @@ Behind denser hair, the background would learn the colour of the hair and show i
 other background lies behind. Scalp and face always learn: they move with the hair in front of them and keep its
 shadow."""
 LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
-"""Initial opacity of a pixel without any strand and of a fully covered one.
+"""Initial opacity of a pixel without any strand, and of a fully covered one that has little hair around it.
 
 With a higher value for pixels without strands, a rim would show around the hair; with a lower one, gaps would hardly
 learn to close."""
+ODDS_SCALE = 0.2
+"""Factor on the logit of coverage that the image generator sees, so that it is about as large as its other inputs."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class HairModelConfig:
 
     @property
     def descriptor_channels(self) -> int:
-        """Channels at every level of the pyramid: z_a, direction, t, viewing direction, shaded colour, coverage."""
+        """Channels at every level of the pyramid: z_a, direction, t, viewing direction, colour, odds of coverage."""
         return self.textures.appearance_channels + 3 + 1 + 3 + 3 + 1
 
 
@@ -341,7 +344,7 @@ class HairModel(nn.Module):
             camera = camera.cropped(part.left, part.top, part.width, part.height)
         raw = self.generate(maps, camera, turn)
         coverage = maps[0].coverage / self.config.supersample**2
-        start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY))
+        start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY)) + surrounding_odds(coverage)
         alpha = torch.sigmoid(raw[..., 3] + start) * near_hair(coverage.detach())
         return part.padded(torch.cat([to_linear(raw[..., :3]), alpha[..., None]], dim=2), height, width)
 
@@ -370,14 +373,18 @@ class HairModel(nn.Module):
     def _pixel_channels(
         self, level_map: SplatMap, camera: Camera, level: int, turn: Float[Tensor, "3 3"] | None
     ) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
-        """Viewing direction of every pixel of a level, and the share of it covered by strands."""
+        """Viewing direction of every pixel of a level, and the scaled logit of the share that strands cover.
+
+        Opacity in dense hair depends on the last few per cent of coverage, which only the logit tells apart.
+        """
         height, width = level_map.coverage.shape
         row = (torch.arange(height, device=camera.intrinsics.device) + 0.5) * 2**level
         column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
         centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
         rays = camera.rays(centres)
-        return rays if turn is None else rays @ turn.T, share.clamp(max=1.0)[..., None]
+        odds = ODDS_SCALE * torch.logit(share.clamp(LEAST_OPACITY, 1 - LEAST_OPACITY))
+        return rays if turn is None else rays @ turn.T, odds[..., None]
 
     def rotation_to_seen(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
         """Rotation of the directions that networks see, for a camera far from all photographs; None near them."""

@@ -19,8 +19,8 @@ from neural_strands.model.files import MODEL_NAME
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.scalp.head import Head
 
-FORMAT = 2
-"""Version of `run.json`. Version 2 includes the settings of stereo and growth directions."""
+FORMAT = 3
+"""Version of `run.json`; a checkpoint of another one is not continued, because the networks see something else."""
 LONGEST_PATH = 4096
 """Longest path that operating systems accept, characters."""
 

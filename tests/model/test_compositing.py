@@ -1,11 +1,14 @@
 """What lies behind and around the hair."""
 
+import math
+
 import torch
 
 from neural_strands.geometry.cameras import Camera, pinhole
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.compositing import (
     CONTEXT,
+    DENSEST,
     REACH,
     Background,
     Body,
@@ -13,6 +16,7 @@ from neural_strands.model.compositing import (
     SurroundConfig,
     hair_rectangle,
     near_hair,
+    surrounding_odds,
 )
 
 
@@ -37,6 +41,21 @@ def test_hair_is_near_its_strands_alone():
     assert (near[apart > 3 * REACH] == 0).all()
     between = near[(apart > REACH + 1) & (apart < 3 * REACH)]
     assert ((between > 0) & (between < 1)).all()
+
+
+def test_dense_hair_raises_the_odds_of_its_gaps():
+    random = torch.Generator().manual_seed(0)
+    coverage = torch.rand(11, 9, generator=random) * torch.linspace(0, 2, 9)
+    coverage = coverage.clamp(max=1.0)
+    odds = surrounding_odds(coverage)
+    means = torch.tensor(
+        [[float(coverage[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3].mean()) for x in range(9)] for y in range(11)]
+    )
+    assert (means < 0.4).any()
+    assert (means > 0.8).any()
+    expected = [[math.log(mean / (1 - mean)) if mean > 0.5 else 0.0 for mean in row] for row in means.tolist()]
+    torch.testing.assert_close(odds, torch.tensor(expected))
+    assert surrounding_odds(torch.ones(6, 7)).allclose(torch.tensor(math.log(DENSEST / (1 - DENSEST))))
 
 
 def test_the_rectangle_of_hair_holds_all_that_hair_can_reach():

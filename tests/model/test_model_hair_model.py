@@ -21,6 +21,7 @@ from neural_strands.model.compositing import (
     filled_from_coarser,
     hair_rectangle,
     near_hair,
+    surrounding_odds,
 )
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
@@ -125,7 +126,8 @@ def test_opacity_starts_from_coverage():
     with torch.no_grad():
         hair.unet.output.zero_()
     output = hair.render(stubble(hair), view((96, 80)))
-    start = output.coverage.clamp(LEAST_OPACITY, MOST_OPACITY) * near_hair(output.coverage)
+    odds = torch.logit(output.coverage.clamp(LEAST_OPACITY, MOST_OPACITY)) + surrounding_odds(output.coverage)
+    start = odds.sigmoid() * near_hair(output.coverage)
     assert torch.allclose(output.alpha, start, atol=1e-5)
     assert output.alpha.min() == 0
     assert output.alpha[output.coverage == 0].max().item() == pytest.approx(LEAST_OPACITY, rel=1e-4)
@@ -227,7 +229,7 @@ def test_folders_that_are_no_model_are_refused_in_one_sentence(tmp_path):
     (folder / "model.safetensors").write_bytes(whole)
     described = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps({**described, "format": 99}))
-    with pytest.raises(InputError, match="format: expected 6, found 99; use the version"):
+    with pytest.raises(InputError, match="format: expected 7, found 99; use the version"):
         load_hair_model(folder)
     described["model"]["surprise"] = 1
     (folder / "config.json").write_text(json.dumps(described))
