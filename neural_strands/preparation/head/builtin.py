@@ -45,7 +45,7 @@ FRONT = 0.04
 """Least z of painted points, metres in front of the ears."""
 BACK = 0.87
 """Factor on the depth of everything behind the ears."""
-FRONT, BROWS, HAIRLINE = 0.125, 0.03, 0.08
+DEEPER, BROWS, HAIRLINE = 0.125, 0.03, 0.08
 """Share by which the depth of the forehead grows, from none at the height of the brows to all at that of the hairline,
 metres in the template's frame."""
 
@@ -65,7 +65,7 @@ def builtin_template() -> Template:
 def with_mean_skull(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
     """Move points of the mannequin's bust so that skull and forehead have the proportions of a mean adult."""
     y, z = points[:, 1], points[:, 2]
-    grown = 1.0 + FRONT * smoothstep((y - BROWS) / (HAIRLINE - BROWS))
+    grown = 1.0 + DEEPER * smoothstep((y - BROWS) / (HAIRLINE - BROWS))
     return torch.stack([points[:, 0], y, torch.where(z < 0, BACK * z, grown * z)], dim=1)
 
 
