@@ -16,6 +16,7 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
 from neural_strands.preparation.face.files import read_marks
 from neural_strands.preparation.head.builtin import builtin_template
+from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.request import HeadRequest
@@ -44,7 +45,7 @@ class CaptureHead:
 def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str], None]) -> CaptureHead:
     """Fit a template to the faces in a capture's photographs.
 
-    Person masks guide its deformation; hair masks delimit the scalp.
+    Person masks guide its deformation; hair masks delimit the scalp and show the hair to which the skull is raised.
 
     Args:
         capture: photographs and cameras.
@@ -67,10 +68,14 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
             say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
         outlines = _person_masks(capture, folder) if request.bend else None
         fitted = fit_head(calibration, faces, _template(request, folder), request.size, outlines, say)
+    scalp = _scalp(capture, fitted)
+    if request.bend and any(file.hair_mask_path is not None for file in capture.files):
+        views = replace(capture.views_on(), cameras=cameras_in_world(capture.cameras, fitted.frame))
+        fitted = raise_skull(fitted, views, say)
     back = fitted.frame.inverse()
     mesh = fitted.head.mesh
     vertices = back.apply(mesh.vertices.double()).to(mesh.vertices)
-    return CaptureHead(replace(mesh, vertices=vertices), _scalp(capture, fitted), fitted.figures)
+    return CaptureHead(replace(mesh, vertices=vertices), scalp, fitted.figures)
 
 
 def _template(request: HeadRequest, folder: Path) -> Template:

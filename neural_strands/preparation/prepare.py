@@ -9,6 +9,7 @@ face          faces in each picture, and masks of the person
 template      the template's landmarks
 head          scale, frame, and the head in them
 masks         hair
+skull         the head, raised to the hair if it lies too low
 """
 
 import uuid
@@ -36,6 +37,7 @@ from neural_strands.preparation.cameras.register import match_photographs, regis
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
 from neural_strands.preparation.head.builtin import STORED, builtin_template
+from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.request import HeadRequest
@@ -50,6 +52,7 @@ from neural_strands.preparation.masks.segmenter import (
     read_mask,
     run_segmenter,
 )
+from neural_strands.preparation.masks.views import masked_views
 from neural_strands.preparation.masks.votes import VOTES, read_votes, write_votes
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import (
@@ -152,6 +155,8 @@ def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], No
     else:
         vote = read_votes(masks.folder, len(fitted.head.mesh.vertices))
     scalp = person_scalp(fitted.head, vote)
+    if request.head.bend:
+        fitted = FittedHead.load(run.skull(calibration, head, masks, fitted, world).folder)
     CaptureFiles(world, calibration.pictures, hair, outlines, edits, fitted.head, scalp).write(request.out)
     figures = {
         "photographs": len(read_list(photographs.folder)),
@@ -353,6 +358,17 @@ class _Run:
         if given is not None:
             inputs["given"] = given.digest()
         return self._stage("masks", inputs, work)
+
+    def skull(
+        self, calibration: Calibration, head: Stage, masks: Stage, fitted: FittedHead, cameras: Sequence[Camera]
+    ) -> Stage:
+        """The head with its skull raised to the hair."""
+
+        def work(out: Path) -> None:
+            views = masked_views(cameras, calibration.pictures, masks.folder)
+            raise_skull(fitted, views, self.say).save(out)
+
+        return self._stage("skull", {"head": head.digest, "masks": masks.digest}, work)
 
     def outlines(self, calibration: Calibration, face: Stage) -> list[Path | None]:
         """Masks of the person; None for views without one."""

@@ -1,0 +1,154 @@
+"""Raises the skull of a fitted head until it touches the lowest hair above it.
+
+Photographs do not show the skull under the hair, so a fitted head has the height of its template. If it is too low,
+strands start far below the hair and stay there. But somewhere above the brows hair leaves the skin in sight: at the
+hairline, a parting or a whorl. There, the line segments of multi-view stereo reach down to the skin. If even the lowest
+of them lie above the fitted skull, it is too low, and it is raised along the directions away from its middle: not at
+all at the height of the brows, and fully at the crown. It is never lowered, because hair may cover the skin everywhere.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import track
+from neural_strands.foundation.smoothstep import smoothstep
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh_queries import MeshIndex
+from neural_strands.geometry.views import Part, Views
+from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
+from neural_strands.preparation.face.topology import NAMED
+from neural_strands.preparation.head.fit import FittedHead
+
+BROWS, CROWN = 5.0, 55.0
+"""Elevations, seen from the middle of the head at the height of the brows, between which the lift sets in, degrees."""
+UPPER = 0.5
+"""Hair counts if the skull below it is raised by at least this share."""
+TOUCHING = 0.01
+"""Share of the hair's points over the upper skull that are assumed to lie on the skin. Above true heads, this quantile
+of the heights is -1 and -3 mm if hair leaves the skin in sight, and 6 mm if it hides the skin everywhere."""
+MOST = 0.015
+"""Largest lift, metres: an estimate of how far a skull may rise above the template's."""
+THICKEST = 0.06
+"""Largest height above the skull at which hair is searched, metres."""
+FEWEST = 1000
+"""Fewest points of hair over the upper skull from which its height is judged."""
+SURE = 0.3
+"""Least confidence of a point."""
+LONGEST_SIDE = 320
+MOST_VIEWS = 40
+"""Size, pixels, and number of the photographs that stereo uses; it only has to find the lowest hair."""
+
+
+def raise_skull(fitted: FittedHead, views: Views, say: Callable[[str], None]) -> FittedHead:
+    """Find the lowest hair in photographs and raise the skull to it.
+
+    Args:
+        fitted: a head placed on the person.
+        views: the photographs, with hair masks and with cameras in the head's world.
+        say: receives messages for the user.
+
+    Returns:
+        The head with its landmarks, and `skull_raised_mm` among its figures.
+    """
+    every = -(-len(views) // MOST_VIEWS)
+    chosen = over_skull(_selected(views, range(0, len(views), every)).reduced(LONGEST_SIDE), fitted)
+    settings, random = LmvsConfig(complete="never"), torch.Generator().manual_seed(0)
+    try:
+        segments = reconstruct(chosen, fitted.head.mesh, settings, random, track=_shown)
+    except InputError as error:
+        say(f"The skull keeps the template's height, because its hair could not be measured: {error}")
+        return _with_lift(fitted, 0.0)
+    height = skull_lift(fitted, segments.points[segments.confidence >= SURE])
+    if height > 0:
+        say(f"The skull was raised by {1000 * height:.1f} mm, to the lowest hair above it.")
+    return _with_lift(fitted, height)
+
+
+def skull_lift(fitted: FittedHead, points: Float[Tensor, "point 3"]) -> float:
+    """Height by which the skull must be raised to touch the lowest hair above it, metres, at most `MOST`.
+
+    Args:
+        fitted: a head placed on the person.
+        points: points of its hair, world metres; a small share may be wrong.
+    """
+    mesh = fitted.head.mesh
+    index = MeshIndex(mesh, winding_number=True)
+    closest, sign = index.closest_signed(points)
+    share, _ = upwards(fitted, closest.position)
+    over = (share > UPPER) & torch.isin(closest.face, fitted.head.scalp_faces)
+    if int(over.sum()) < FEWEST:
+        return 0.0
+    height = (sign * closest.distance / share)[over].sort().values
+    return min(max(float(height[int(TOUCHING * len(height))]), 0.0), MOST)
+
+
+def upwards(
+    fitted: FittedHead, points: Float[Tensor, "point 3"]
+) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"]]:
+    """Share of the lift at points of the skull, and the unit direction in which they are raised; NaN for NaN."""
+    brows = fitted.landmarks[[NAMED["right_brow_inner"], NAMED["left_brow_inner"]], 1].nanmean()
+    vertices = fitted.head.mesh.vertices
+    above = vertices[vertices[:, 1] > brows]
+    middle = torch.stack([above[:, 0].mean(), brows, above[:, 2].mean()])
+    outward = torch.nn.functional.normalize(points - middle, dim=1)
+    elevation = torch.rad2deg(outward[:, 1].clamp(-1, 1).asin())
+    return smoothstep((elevation - BROWS) / (CROWN - BROWS)), outward
+
+
+def over_skull(views: Views, fitted: FittedHead) -> Views:
+    """Limit hair masks to hair over the upper skull: what lies elsewhere costs time and tells nothing."""
+    vertices = fitted.head.mesh.vertices
+    share, outward = upwards(fitted, vertices)
+    skull = share > UPPER
+    # The upper skull is convex, and so is the space up to a height above it.
+    shell = torch.cat([vertices[skull], (vertices + THICKEST * outward)[skull]])
+
+    def read(index: int, part: Part) -> Tensor | None:
+        found = views.read(index, part)
+        if part != "hair_mask" or found is None:
+            return found
+        return found * _seen_hull(views.cameras[index], shell).to(found)
+
+    return replace(views, read=read)
+
+
+def _seen_hull(camera: Camera, points: Float[Tensor, "point 3"]) -> Bool[Tensor, "height width"]:
+    """The pixels of the convex hull of points in front of a camera."""
+    pixels, depth = camera.project(points)
+    inside = np.zeros((camera.height, camera.width), np.uint8)
+    if bool((depth > 0).all()):
+        corners = cv2.convexHull(np.rint(pixels.numpy()).astype(np.int32))
+        cv2.fillConvexPoly(inside, corners, 1)
+    return torch.from_numpy(inside > 0)
+
+
+def _with_lift(fitted: FittedHead, height: float) -> FittedHead:
+    """The head with its skull raised."""
+    figures = {**fitted.figures, "skull_raised_mm": round(1000 * height, 1)}
+    mesh = fitted.head.mesh
+    vertices, landmarks = (_raised(fitted, points, height) for points in (mesh.vertices, fitted.landmarks))
+    head = replace(fitted.head, mesh=replace(mesh, vertices=vertices))
+    return replace(fitted, head=head, landmarks=landmarks, figures=figures)
+
+
+def _raised(fitted: FittedHead, points: Float[Tensor, "point 3"], height: float) -> Float[Tensor, "point 3"]:
+    share, outward = upwards(fitted, points)
+    return points + height * share[:, None] * outward
+
+
+def _selected(views: Views, indices: range) -> Views:
+    """Some of the views."""
+    cameras = tuple(views.cameras[index] for index in indices)
+    masked = tuple(views.has_hair_mask[index] for index in indices)
+    return Views(cameras, masked, lambda index, part: views.read(indices[index], part))
+
+
+def _shown(items: Iterable[int], text: str, total: int) -> Iterable[int]:
+    return track(items, f"measuring the skull: {text}", total)

@@ -1,0 +1,38 @@
+"""The pictures of a preparation and the hair masks found in them, as views."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.views import Part, Views
+from neural_strands.preparation.masks.segmenter import read_mask
+from neural_strands.preparation.photographs.folder import read_picture
+
+
+def masked_views(cameras: Sequence[Camera], pictures: Sequence[Path], masks: Path) -> Views:
+    """Views that read a picture or mask when it is needed.
+
+    Args:
+        cameras: cameras of the views.
+        pictures: the undistorted pictures.
+        masks: folder of the hair masks, named like the pictures.
+
+    Raises:
+        InputError: when read, a file is missing or damaged.
+    """
+
+    def read(index: int, part: Part) -> Tensor | None:
+        camera, picture = cameras[index], pictures[index]
+        if part == "image":
+            pixels = read_picture(picture)
+        elif part == "hair_mask":
+            pixels = read_mask(masks / picture.name, (camera.width, camera.height))
+        else:
+            return None
+        return torch.from_numpy(pixels.astype(np.float32) / 255)
+
+    return Views(tuple(cameras), (True,) * len(cameras), read)
