@@ -36,10 +36,11 @@ def free_memory() -> int | None:
     Linux reports what is available to all processes; a container and a limit on the process's addresses may allow less.
     """
     try:
-        available = _first_number(Path("/proc/meminfo").read_text().partition("MemAvailable:")[2])
+        told = Path("/proc/meminfo").read_text()
     except OSError:
         return None
-    bounds = [] if available is None else [1024 * available]
+    available, swap = (_first_number(told.partition(name)[2]) for name in ("MemAvailable:", "SwapFree:"))
+    bounds = [] if available is None else [1024 * (available + (swap or 0))]
     with suppress(OSError):
         most = _first_number((CONTAINER / "memory.max").read_text())
         taken = _first_number((CONTAINER / "memory.current").read_text())

@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 from neural_strands.fitting.first_colours import photographed_colours
 from neural_strands.fitting.fit_data import FitData
@@ -27,6 +28,9 @@ from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.thickness import strand_widths
 from neural_strands.pictures.encoding import write_png
 from neural_strands.runs.run_folder import RunFolder
+
+PREVIEW_SIDE = 1024
+"""Longer side of the preview's rendering, pixels: a whole large photograph could take more memory than the fit."""
 
 
 @torch.no_grad()
@@ -69,7 +73,9 @@ def groom_colours(model: HairModel, strands: Strands, data: FitData) -> Float[Te
 
 
 def write_preview(path: Path, model: HairModel, points: Float[Tensor, "root point 3"], data: FitData) -> None:
-    """Write a training view as the model currently renders it, beside its photograph."""
+    """Write a training view as the model currently renders it, beside its photograph, both at most `PREVIEW_SIDE`."""
     target = data.views[0]
-    output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(target.camera)
-    write_png(path, torch.cat([output.rgb, target.image], dim=1))
+    camera = target.camera.reduced(PREVIEW_SIDE)
+    output = HairRenderer.of(model, Strands(points, root_uv=model.root_uv)).render(camera)
+    photograph = interpolate(target.image.permute(2, 0, 1)[None], (camera.height, camera.width), mode="area")
+    write_png(path, torch.cat([output.rgb, photograph[0].permute(1, 2, 0)], dim=1))

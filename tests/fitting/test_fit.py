@@ -5,6 +5,7 @@ import itertools
 import signal
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from full_disk import smallest_files
@@ -13,6 +14,7 @@ from tiny_capture import tiny_config, true_segments, write_capture
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
+from neural_strands.capture.images import read_pixels
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitRates
 from neural_strands.fitting.first_model import begin, fit_prior
@@ -28,6 +30,7 @@ from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import StrandPrior, load_prior, save_prior
+from neural_strands.runs import outputs
 from neural_strands.runs.outputs import write_outputs, write_preview
 from neural_strands.runs.run_folder import RunFolder, weights_digest
 from neural_strands.runs.run_log import RunLog
@@ -220,6 +223,19 @@ def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
         save_checkpoint(state, path)
     load_checkpoint(state, path)
     assert state.model.textures.appearance.isfinite().all()
+
+
+def test_the_preview_of_a_large_photograph_is_small(scene, tmp_path, monkeypatch):
+    config = tiny_config()
+    state, data = begin_tiny(scene, config)
+    view = data.views[0]
+    for most, sides in ((40, (40, 40)), (10_000, (view.camera.width, view.camera.height))):
+        monkeypatch.setattr(outputs, "PREVIEW_SIDE", most)
+        write_preview(tmp_path / "a.png", state.model, state.drawn, data)
+        picture = read_pixels(tmp_path / "a.png")
+        assert picture.shape[:2] == (sides[1], 2 * sides[0])
+        photograph = torch.from_numpy(picture[:, sides[0] :].astype(np.float32)) / 255
+        assert float((photograph.mean(dim=(0, 1)) - view.image.mean(dim=(0, 1))).abs().max()) < 0.01
 
 
 def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):
