@@ -294,10 +294,15 @@ def weighted_gradient(
 
 
 def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: int) -> Float[Tensor, "h w channel"]:
-    """Mean over squares of `factor` x `factor` pixels."""
+    """Mean over squares of `factor` x `factor` pixels, without incomplete squares at the right and at the bottom."""
     if factor == 1:
         return image
-    return F.avg_pool2d(image.permute(2, 0, 1)[None], factor)[0].permute(1, 2, 0)
+    height, width, channels = image.shape[0] // factor, image.shape[1] // factor, image.shape[2]
+    whole = image[: height * factor, : width * factor]
+    # Sums of whole rows, then of columns: many times as fast on the CPU as pooling a picture of few channels.
+    rows = whole.reshape(height, factor, -1).unbind(1)
+    columns = sum(rows[1:], rows[0]).view(height, width, factor, channels).unbind(2)
+    return sum(columns[1:], columns[0]) / factor**2
 
 
 def drawn_share(lines: LineBuffer, factor: int) -> Float[Tensor, "height width"]:

@@ -360,7 +360,7 @@ class HairModel(nn.Module):
         """
         # Channels-last memory is the fastest layout for convolutions.
         pyramid = [
-            torch.cat([_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn)], dim=2)
+            torch.cat([*_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn)], dim=2)
             for level, level_map in enumerate(maps)
         ]
         device = self.root_uv.device.type
@@ -392,7 +392,7 @@ class HairModel(nn.Module):
         return None if turn is None else turn.to(self.root_uv)
 
 
-def _encoded(features: Float[Tensor, "channel height width"]) -> Float[Tensor, "height width channel"]:
-    """Splatted maps with sRGB-encoded colours: encoding gives dark hair more of the network's input range."""
+def _encoded(features: Float[Tensor, "c h w"]) -> tuple[Float[Tensor, "h w descriptor"], Float[Tensor, "h w 3"]]:
+    """Splatted descriptors, and colours sRGB-encoded: encoding gives dark hair more of the network's input range."""
     descriptor, colour = features.permute(1, 2, 0).split([len(features) - 3, 3], dim=2)
-    return torch.cat([descriptor, to_srgb(colour)], dim=2)
+    return descriptor, to_srgb(colour)

@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 import torch
 
 from neural_strands.geometry.cameras import Camera, pinhole
@@ -14,6 +15,7 @@ from neural_strands.model.compositing import (
     Body,
     SkinChange,
     SurroundConfig,
+    area_mean,
     hair_rectangle,
     near_hair,
     surrounding_odds,
@@ -117,3 +119,16 @@ def test_nearness_is_the_mean_of_what_lies_within_reach():
         within = within.view(height, width)
         expected = torch.tensor([float(around(within, *pixel, REACH).mean()) for pixel in pixels])
         torch.testing.assert_close(near_hair(coverage), expected.view(height, width), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_area_means_are_those_of_every_square(generator, factor, channels):
+    image = torch.rand(7, 10, channels, generator=generator, dtype=torch.float64).requires_grad_()
+    mean = area_mean(image, factor)
+    assert mean.shape == (7 // factor, 10 // factor, channels)
+    for row in range(7 // factor):
+        for column in range(10 // factor):
+            square = image[row * factor : (row + 1) * factor, column * factor : (column + 1) * factor]
+            torch.testing.assert_close(mean[row, column], square.flatten(0, 1).mean(dim=0))
+    assert torch.autograd.gradcheck(lambda values: area_mean(values, factor), image)
