@@ -16,6 +16,7 @@ from torch.nn import functional
 
 from neural_strands.flow.faces import behind_faces, face_neighbours, neighbour_sum
 from neural_strands.flow.field import FlowField
+from neural_strands.flow.surface import surface_normals
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
@@ -31,8 +32,8 @@ class ConservationConfig:
     """Smallest speed after the second projection, as a share of the mean; a flow at rest has no direction."""
     most_speed: Annotated[float, Between(1, 1e6)] = 5.0
     """Largest speed after the second projection, as a share of the mean."""
-    way_out: Annotated[float, Between(-1, 1)] = 0.7
-    """Hair leaves the volume where the cosine between its direction and the outward direction exceeds this."""
+    way_out: Annotated[float, Between(-1, 1)] = 0.1
+    """Hair leaves the volume where the cosine between its direction and the normal of the volume exceeds this."""
     tolerance: Annotated[float, Between(1e-9, 1)] = 0.01
     """Divergence at which a projection ends, as a share of the divergence before the first."""
     iterations: Annotated[int, Between(1, 1_000_000)] = 400
@@ -87,7 +88,9 @@ def conserve(
     number = torch.nonzero(field.domain.reshape(-1)).squeeze(1)
     given = functional.normalize(field.directions.reshape(-1, 3)[number], dim=1)
     scalp = under_scalp(field.grid, scalp_points, scalp_normals, depth) & ~field.domain
-    cells = flow_cells(field.domain, scalp, given, config.way_out)
+    centres = field.grid.nodes(given.device).reshape(-1, 3)[number]
+    normals = surface_normals(field.grid, field.domain, centres)
+    cells = flow_cells(field.domain, scalp, given, normals, config.way_out)
     enough = config.tolerance * float(face_flow(given, cells).sum(dim=1).norm())
     flow, speed = given, torch.ones_like(given[:, 0])
     for _ in range(config.rounds):
@@ -120,19 +123,25 @@ def flow_cells(
     domain: Bool[Tensor, "x y z"],
     scalp: Bool[Tensor, "x y z"],
     directions: Float[Tensor, "cell 3"],
+    normals: Float[Tensor, "cell 3"],
     way_out: float,
 ) -> FlowCells:
     """Number the domain's voxels and find the faces that hair passes.
+
+    Whether hair leaves the domain depends on the normal of its smooth surface, not on that of a face: a sloping surface
+    is a staircase of voxels, and hair that follows it runs against the stairs.
 
     Args:
         domain: where there is hair.
         scalp: voxels outside the domain that hair comes from.
         directions: unit directions of the domain's voxels.
-        way_out: cosine with a face's outward normal beyond which hair leaves through it.
+        normals: unit directions out of the domain.
+        way_out: cosine with the normal beyond which hair leaves through the faces that it points to.
     """
     neighbours = face_neighbours(domain)
     outward = torch.cat([directions, -directions], dim=1)
-    passed = behind_faces(scalp, domain, False) | (outward > way_out)
+    leaving = (directions * normals).sum(dim=1) > way_out
+    passed = behind_faces(scalp, domain, False) | (leaving[:, None] & (outward > 0))
     return FlowCells(neighbours, passed & (neighbours == len(neighbours)))
 
 

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
 from neural_strands.flow.field import FlowField
+from neural_strands.flow.surface import surface_normals
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
@@ -23,12 +24,9 @@ from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.point_queries import assign_locks
 from neural_strands.geometry.resample import resample_polyline_lengths
 from neural_strands.geometry.strands import lengths_along
-from neural_strands.geometry.voxel_grid import VoxelGrid
 
 POINTS_PER_TURN = 12
 """Points of a strand for each of its turns."""
-SMOOTHING = 3
-"""Box filters of 5 voxels that blur the hair's volume before its surface normal is taken."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class CurlConfig:
     """Hair is tested for curls if its segments lean by this angle or more, degrees."""
     least_agreement: Annotated[float, Between(0, 1)] = 0.5
     """Smallest length of the mean of the segments' doubled directions: 0 if they lean anyhow, 1 if all lean alike."""
-    way_out: Annotated[float, Between(-1, 1)] = 0.97
+    way_out: Annotated[float, Between(-1, 1)] = 0.9
     """`ConservationConfig.way_out` for axes of curls, which rarely end at the side of the hair."""
     lock: Annotated[float, Between(1e-4, 1)] = 0.014
     """Distance on the scalp between locks of hair that curl in phase, metres."""
@@ -78,17 +76,6 @@ class Lean:
 
     angle: float
     agreement: float
-
-
-def surface_normals(
-    grid: VoxelGrid, domain: Bool[Tensor, "x y z"], points: Float[Tensor, "point 3"]
-) -> Float[Tensor, "point 3"]:
-    """Unit directions out of the volume of the hair."""
-    volume = domain.float()[None, None]
-    for _ in range(SMOOTHING):
-        volume = functional.avg_pool3d(volume, 5, stride=1, padding=2)
-    _, gradient = grid.sample_with_slope(volume[0, 0], points)
-    return functional.normalize(-gradient, dim=-1)
 
 
 def mean_lean(

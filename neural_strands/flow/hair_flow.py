@@ -12,6 +12,7 @@ from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.curls import CurlConfig
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
 from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
+from neural_strands.flow.rolling_ball import BallConfig, behind_ball, crowded
 from neural_strands.flow.tracing import TraceConfig
 from neural_strands.flow.unseen import (
     HeadLayer,
@@ -24,6 +25,7 @@ from neural_strands.flow.unseen import (
     hair_extent,
     head_layer,
     lying_directions,
+    marked,
 )
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
@@ -47,6 +49,8 @@ class InitialConfig:
     """How the flow is made to conserve the number of strands."""
     hull: HullConfig = field(default_factory=HullConfig)
     """Where hair can be."""
+    ball: BallConfig = field(default_factory=BallConfig)
+    """Which room that masks leave is empty, to judge by the segments."""
     unseen: UnseenConfig = field(default_factory=UnseenConfig)
     """How hair that no view sees is continued from what is seen."""
     trace: TraceConfig = field(default_factory=TraceConfig)
@@ -143,8 +147,19 @@ def hair_flow(
         config: settings of the initial strands.
     """
     domain, guess = guess_unseen(room.layer, room.grid, room.domain, segments, room.head, room.masked, config.unseen)
+    if room.masked:
+        domain = domain & (marked(domain, guess.voxels) | behind_segments(room, segments, config))
     smooth = diffuse_directions(room.grid, domain, segments, scalp_points, scalp_normals, config.flow, guess)
     return conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation)
+
+
+def behind_segments(room: HairRoom, segments: LineSegments, config: InitialConfig) -> Bool[Tensor, "x y z"]:
+    """Places that a ball rolling about the head and the confident segments cannot reach (see `rolling_ball`)."""
+    grid, kept = room.grid, segments.confidence >= config.flow.least_confidence
+    nodes = grid.nodes(room.domain.device).reshape(-1, 3)
+    height = room.layer.grid.sample(room.layer.distance[..., None], nodes, outside="border").view(grid.shape)
+    hair = crowded(grid, segments.points[kept], config.ball.least_points)
+    return behind_ball(grid, hair | (height < grid.spacing), config.ball)
 
 
 def hanging_flow(

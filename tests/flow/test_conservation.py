@@ -14,6 +14,7 @@ from neural_strands.flow.conservation import (
     without_divergence,
 )
 from neural_strands.flow.field import FlowField
+from neural_strands.flow.surface import surface_normals
 from neural_strands.flow.tracing import TraceConfig, trace_strands
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
@@ -24,8 +25,10 @@ def ragged(generator: torch.Generator) -> tuple[FlowCells, torch.Tensor]:
     domain = torch.rand(5, 4, 4, generator=generator) > 0.25
     scalp = torch.zeros_like(domain)
     scalp[:, 0] = True
-    directions = torch.nn.functional.normalize(torch.randn(int(domain.sum()), 3, generator=generator), dim=1)
-    return flow_cells(domain, scalp & ~domain, directions, 0.5), directions
+    directions, normals = torch.nn.functional.normalize(
+        torch.randn(2, int(domain.sum()), 3, generator=generator), dim=2
+    )
+    return flow_cells(domain, scalp & ~domain, directions, normals, 0.5), directions
 
 
 def over_flat_scalp(shape: tuple[int, int, int]) -> tuple[VoxelGrid, torch.Tensor, torch.Tensor]:
@@ -66,6 +69,29 @@ def test_flow_through_faces_is_the_mean_of_both_sides_and_none_through_walls(gen
             else:
                 expected = own if bool(cells.open[cell, face]) else torch.tensor(0.0)
             torch.testing.assert_close(faces[cell, face], expected)
+
+
+def test_hair_along_a_slope_does_not_leave_through_its_stairs():
+    # The lower side of this volume slopes; hair that runs along it points out of the lower faces of its stairs.
+    grid = VoxelGrid.filling((-0.05, -0.05, -0.05), (0.05, 0.05, 0.05), 0.002)
+    outward = torch.nn.functional.normalize(torch.tensor([1.0, -0.75, 0.0]), dim=0)
+    domain = (grid.nodes() @ outward < 0) & (grid.nodes().abs() < 0.04).all(dim=-1)
+    along = torch.tensor([-0.6, -0.8, 0.0])
+    assert abs(float(along @ outward)) < 1e-6
+    centres = grid.nodes()[domain]
+    slope = (centres @ outward > -0.003) & (centres.abs() < 0.02).all(dim=1)
+    normals = surface_normals(grid, domain, centres)
+
+    def leaving(direction: torch.Tensor) -> torch.Tensor:
+        directions = direction.expand(len(centres), 3)
+        return flow_cells(domain, torch.zeros_like(domain), directions, normals, 0.2).open[slope]
+
+    assert int(slope.sum()) > 200
+    assert not leaving(along).any()
+    # Straight down, hair leaves through the lower faces (-y) of the stairs alone.
+    down = leaving(torch.tensor([0.0, -1.0, 0.0]))
+    assert down[:, 4].float().mean() > 0.3
+    assert not down[:, [0, 1, 2, 3, 5]].any()
 
 
 def test_projection_is_the_nearest_flow_without_divergence(generator):

@@ -7,7 +7,7 @@ import torch
 from tiny_capture import RADIUS, ball, cameras, combed_strands, true_segments
 
 from neural_strands.flow.field import FlowConfig
-from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_room, hanging_flow
+from neural_strands.flow.hair_flow import HairRoom, InitialConfig, behind_segments, hair_room, hanging_flow
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import segments
 from neural_strands.geometry.views import Views
@@ -32,6 +32,17 @@ def room(hair) -> HairRoom:
         masks.append((rasterise_lines(hair, camera, body.depth).segment >= 0).float())
     views = Views(tuple(seen), (True,) * len(seen), lambda index, part: masks[index] if part == "hair_mask" else None)
     return hair_room(true_segments(hair), views, mesh, hair[:, 0], CONFIG)
+
+
+def test_hair_lies_behind_segments_and_the_air_around_does_not(hair, room):
+    found = behind_segments(room, true_segments(hair), CONFIG)
+    nodes = room.grid.nodes()
+    index, _ = room.grid.index(hair.reshape(-1, 3))
+    assert found.reshape(-1)[index].float().mean() > 0.98
+    # The hair is at most 13 mm thick; joined voxels and the margin add some millimetres.
+    outside = nodes.norm(dim=-1) - RADIUS > 0.027
+    assert outside.any()
+    assert not found[outside].any()
 
 
 def test_hair_is_in_its_room(hair, room):

@@ -23,11 +23,11 @@ from neural_strands.flow.curls import (
     curled,
     lock_phases,
     mean_lean,
-    surface_normals,
     turned_back,
 )
 from neural_strands.flow.field import FlowField
 from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hanging_flow
+from neural_strands.flow.surface import surface_normals
 from neural_strands.flow.tracing import TracedStrands, trace_hair
 from neural_strands.flow.unseen import DOWN
 from neural_strands.geometry.cameras import Camera
