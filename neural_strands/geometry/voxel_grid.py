@@ -13,6 +13,8 @@ from torch import Tensor
 from neural_strands.foundation import kernels
 from neural_strands.geometry.kernels.voxel_grid import sample_kernel, slope_kernel
 
+ROUNDING = 1e-6
+"""Share of a voxel that may be an error of rounding."""
 Outside = Literal["border", "zero"]
 """Values beyond the outermost nodes: that of the nearest place on the border, or zero."""
 
@@ -39,6 +41,18 @@ class VoxelGrid:
         x, y, z = (max(math.ceil((end - start) / spacing), 2) for start, end in zip(low, high, strict=True))
         first = [start + 0.5 * spacing for start in low]
         return cls((first[0], first[1], first[2]), spacing, (x, y, z))
+
+    def extended(self, low: Sequence[float], high: Sequence[float]) -> "VoxelGrid":
+        """This grid with further nodes on each side, so that its voxels fill the box from `low` to `high` (metres)."""
+        half, before, after = 0.5 * self.spacing, [], []
+        for first, size, start, end in zip(self.origin, self.shape, low, high, strict=True):
+            begin = first - half
+            for missing, nodes in ((begin - start, before), (end - begin - size * self.spacing, after)):
+                # A side that ends here but for rounding needs no further nodes.
+                nodes.append(max(math.ceil(missing / self.spacing - ROUNDING), 0))
+        x, y, z = (first - more * self.spacing for first, more in zip(self.origin, before, strict=True))
+        a, b, c = (sum(sizes) for sizes in zip(before, self.shape, after, strict=True))
+        return VoxelGrid((x, y, z), self.spacing, (a, b, c))
 
     @property
     def count(self) -> int:

@@ -85,14 +85,12 @@ def hair_volume(
     low, high = box
     cell = max(CELL, max(end - start for start, end in zip(low, high, strict=True)) / MOST_CELLS)
     if lattice is not None and cell <= LARGER * lattice.spacing:
-        cell = lattice.spacing
-        starts = [first - 0.5 * cell for first in lattice.origin]
-        ends = [start + size * cell for start, size in zip(starts, lattice.shape, strict=True)]
-        low = [start + min(math.floor((end - start) / cell), 0) * cell for start, end in zip(starts, low, strict=True)]
-        high = [max(pair) for pair in zip(high, ends, strict=True)]
-    grid = VoxelGrid.filling(low, high, cell)
-    shape = grid.shape
-    index = ((middle - middle.new_tensor(low)[:, None]) / cell).long().unbind(0)
+        grid = lattice.extended(low, high)
+    else:
+        grid = VoxelGrid.filling(low, high, cell)
+    cell, shape = grid.spacing, grid.shape
+    start = middle.new_tensor([first - 0.5 * cell for first in grid.origin])
+    index = ((middle - start[:, None]) / cell).long().unbind(0)
     flat = (index[0] * shape[1] + index[1]) * shape[2] + index[2]
     finite = length.isfinite()
     flat, length = torch.where(finite, flat, 0), torch.where(finite, length, 0.0)

@@ -15,6 +15,37 @@ def test_voxels_fill_the_box_that_is_asked_for():
     assert grid.count == nodes[..., 0].numel()
 
 
+def test_an_extended_grid_has_the_same_nodes_and_fills_the_box():
+    random = torch.Generator().manual_seed(0)
+    for _ in range(200):
+        low, size, lower, higher = torch.rand(4, 3, generator=random, dtype=torch.float64) - 0.4
+        spacing = 0.01 + 0.1 * float(torch.rand(1, generator=random))
+        grid = VoxelGrid.filling(low.tolist(), (low + size.abs()).tolist(), spacing)
+        wanted = low + lower.clamp(max=0.2), low + size.abs() + higher
+        found = grid.extended(wanted[0].tolist(), wanted[1].tolist())
+        nodes, more = grid.nodes().double(), found.nodes().double()
+        moved = (nodes[0, 0, 0] - more[0, 0, 0]) / spacing
+        torch.testing.assert_close(moved, moved.round(), atol=1e-3, rtol=0)
+        assert (moved.round() >= 0).all()
+        for mine, bound, of_box in (
+            (more[0, 0, 0], nodes[0, 0, 0], wanted[0]),
+            (-more[-1, -1, -1], -nodes[-1, -1, -1], -wanted[1]),
+        ):
+            reached = mine - 0.5 * spacing
+            assert (reached <= of_box + 1e-5).all()
+            needed = of_box < bound - 0.5 * spacing - 1e-5
+            assert (reached[needed] > of_box[needed] - spacing - 1e-5).all()
+            torch.testing.assert_close(mine[~needed], bound[~needed], atol=1e-5, rtol=0)
+
+
+def test_a_grid_that_fills_the_box_but_for_rounding_stays_as_it_is():
+    for low in (0.1, -0.37, 0.3, 1 / 3):
+        grid = VoxelGrid.filling((low, low, low), (low + 0.7, low + 0.7, low + 0.7), 0.1)
+        for nudge in (0.0, 1e-9, -1e-9):
+            box = [first - 0.05 + nudge for first in grid.origin], [low + 0.7 + nudge] * 3
+            assert grid.extended(*box) == grid
+
+
 def test_index_is_the_voxel_whose_centre_is_nearest(generator):
     grid = VoxelGrid((-0.085, 0.215, 0.015), 0.03, (4, 5, 6))
     points = torch.rand(200, 3, generator=generator) * torch.tensor([0.12, 0.15, 0.18]) + torch.tensor([-0.1, 0.2, 0.0])
