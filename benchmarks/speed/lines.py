@@ -6,7 +6,6 @@ OpenGL (moderngl, EGL, on the CPU Mesa's llvmpipe) draws one-pixel lines with de
 its time includes drawing and reading back the index and depth images, but not the upload of the strands.
 """
 
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 import torch
 import tyro
 
+from neural_strands.foundation.memory import peak_resident_memory
 from neural_strands.geometry.cameras import Camera
 from neural_strands.raster.lines import projection_matrix, rasterise_lines
 
@@ -82,7 +82,7 @@ def peak_megabytes(device: str) -> float:
     """Peak memory so far: of the GPU's tensors, or of the whole process."""
     if device == "cuda":
         return torch.cuda.max_memory_allocated() / 2**20
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+    return peak_resident_memory() / 2**20
 
 
 class OpenGl:

@@ -6,7 +6,6 @@ OUT/work is emptied first unless --keep is given.
 """
 
 import math
-import resource
 import shutil
 import time
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import tyro
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import read_head
 from neural_strands.cli.device import DeviceName, pick_device
+from neural_strands.foundation.memory import peak_resident_memory
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.point_queries import match_levels
 from neural_strands.geometry.resample import resample_polyline_lengths
@@ -60,7 +60,7 @@ def main(given: Arguments) -> None:
     segments = reconstruct(views, there, LmvsConfig(), generator, given.out / "work", track).to("cpu")
     segments = orient_segments(segments, head, scalp, [], GrowthConfig())
     wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    memory = peak_resident_memory() / 2**20
     save_segments(given.out / "segments.npz", segments)
     print(f"{len(capture)} views: {wall:.0f} s, {processor:.0f} s of processor, {memory:.0f} MB")
     print(f"{segments.segment_count} segments, {len(segments)} points")

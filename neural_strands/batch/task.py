@@ -1,7 +1,6 @@
 """Performs one stage of one subject on a node: in its folder, on its device; every failure becomes one sentence."""
 
 import platform
-import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +12,7 @@ from neural_strands.batch.records import StageRecord, read_record, write_record,
 from neural_strands.batch.storage import Store, workspace
 from neural_strands.batch.subjects import Demand, Stage, Subject
 from neural_strands.foundation.errors import InputError, reason
+from neural_strands.foundation.memory import peak_resident_memory
 from neural_strands.foundation.progress import Feedback
 
 NEWS_SECONDS = 2.0
@@ -86,7 +86,7 @@ def _done(task: Task, store: Store, tell: Callable[[str], None]) -> StageRecord:
     with workspace(store, NEEDED[stage], spared(stage)) as folder:
         figures = WORK[stage](StageWork(subject, folder, device, _feedback(tell)))
     seconds = round(time.monotonic() - began, 1)
-    record = StageRecord(stage, seconds, peak_bytes(), platform.node(), figures)
+    record = StageRecord(stage, seconds, peak_resident_memory(), platform.node(), figures)
     # The record is written last: a stage with a record is complete.
     write_record(store, record)
     return record
@@ -104,16 +104,6 @@ def _device(demand: Demand) -> Any:
     # Ray makes only the task's own GPUs visible.
     torch.cuda.set_device(0)
     return torch.device("cuda", 0)
-
-
-def peak_bytes() -> int:
-    """Peak memory of this process, bytes; 0 if the system does not report it."""
-    try:
-        import resource
-    except ImportError:
-        return 0
-    unit = 1 if sys.platform == "darwin" else 1024
-    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _feedback(tell: Callable[[str], None]) -> Feedback:

@@ -1,12 +1,13 @@
 """Timing of a function: median of several synchronised runs, and peak memory."""
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
+
+from neural_strands.foundation.memory import peak_resident_memory
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,7 @@ def peak_memory(device: torch.device | str = "cpu") -> int:
     device = torch.device(device)
     if device.type == "cuda":
         return torch.cuda.max_memory_allocated(device)
-    try:
-        import resource
-    except ImportError:  # Windows
-        return 0
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    return peak_resident_memory()
 
 
 def _wait(device: torch.device) -> None:

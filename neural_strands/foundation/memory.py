@@ -1,4 +1,4 @@
-"""The memory of this process: how much it may still take, and keeping what will be needed again soon."""
+"""The memory of this process: the most it took, how much it may still take, and keeping what is needed again soon."""
 
 import ctypes
 import sys
@@ -53,6 +53,21 @@ def free_memory() -> int | None:
         pages = _first_number(Path("/proc/self/statm").read_text())
         bounds.append(limit - (pages or 0) * resource.getpagesize())
     return max(0, min(bounds)) if bounds else None
+
+
+def peak_resident_memory() -> int:
+    """The most bytes of memory that this process has had so far; 0 if the system does not report it."""
+    with suppress(OSError):
+        # Linux's getrusage also counts the process that started this one, up to the start of this program.
+        peak = _first_number(Path("/proc/self/status").read_text().partition("VmHWM:")[2])
+        if peak is not None:
+            return 1024 * peak
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _first_number(text: str) -> int | None:

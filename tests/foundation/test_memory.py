@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from neural_strands.foundation.memory import free_memory, keep_freed_memory
+from neural_strands.foundation.memory import free_memory, keep_freed_memory, peak_resident_memory
 
 PROGRAM = """
 import ctypes, sys
@@ -74,3 +74,28 @@ def test_a_container_may_allow_less(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_another_library_is_left_alone(monkeypatch):
     monkeypatch.setattr("neural_strands.foundation.memory.sys.platform", "darwin")
     assert keep_freed_memory() is False
+
+
+PEAK = """
+import sys
+from neural_strands.foundation.memory import peak_resident_memory
+block = bytes(range(256)) * (int(sys.argv[1]) // 256)
+del block
+print(peak_resident_memory())
+"""
+
+
+def peak_of(size: int) -> int:
+    done = subprocess.run([sys.executable, "-c", PEAK, str(size)], capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows reports no peak")
+def test_the_peak_remembers_what_was_freed():
+    assert peak_of(200_000_000) - peak_of(256) == pytest.approx(2e8, rel=0.05)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems report it by getrusage alone")
+def test_the_peak_leaves_out_the_process_that_started_this_one():
+    block = bytes(range(256)) * 1_000_000
+    assert peak_of(256) < len(block) < peak_resident_memory()

@@ -27,16 +27,17 @@ def camera(renderer: HairRenderer, width: int, height: int) -> Camera:
 
 
 PROGRAM = """
-import resource, sys
+import sys
 sys.path.append(sys.argv[1])
 from tiny_hair import tiny_hair_model
+from neural_strands.foundation.memory import peak_resident_memory
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.renderer import HairRenderer
 renderer = HairRenderer.of(tiny_hair_model())
 peaks = []
 for side in (32, 900):
     renderer.render(turntable_cameras(renderer.strands.points, 1, (side, side))[0])
-    peaks.append(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    peaks.append(peak_resident_memory())
 print(peaks[1] - peaks[0])
 """
 
