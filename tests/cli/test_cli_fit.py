@@ -24,7 +24,7 @@ from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import SegmentsSource, load_segments, load_segments_source, save_segments
 from neural_strands.prior.vae import load_prior, save_prior
-from neural_strands.runs.run_folder import RunFolder, read_description
+from neural_strands.runs.run_folder import FORMAT, RunFolder, read_description
 from neural_strands.runs.run_log import LOSSES
 
 
@@ -168,7 +168,7 @@ def test_the_settings_of_stereo_are_part_of_the_run(tiny, capsys):
     (tiny / "run" / "run.json").write_text(json.dumps(stored | {"format": 1}))
     capsys.readouterr()
     assert main(fit_arguments(tiny, "--resume")) == 2
-    assert_one_sentence(capsys, "format: expected 2, found 1; use the version of neural-strands that wrote it")
+    assert_one_sentence(capsys, f"format: expected {FORMAT}, found 1; use the version of neural-strands that wrote it")
 
 
 def test_settings_from_a_file_reach_the_run_and_its_figures_are_printed_as_json(tiny, capsys):
