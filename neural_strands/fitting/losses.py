@@ -84,7 +84,7 @@ def surface_loss(
     _, first = nearest(targets.points[index], everything, config.occupied)
     free = (first < 0) | (first // per_strand == near // per_strand)
     near, index = near[free], index[free]
-    return _mean_misfit(points[near], directions[near], targets.points[index], targets.directions[index], config)
+    return _mean_misfit(points, directions, near, targets, index, config)
 
 
 def coverage_loss(
@@ -109,7 +109,7 @@ def coverage_loss(
     distance, index = nearest(targets.points[chosen], everything, config.radius)
     kept = torch.nonzero(torch.isfinite(distance) & (index < len(points))).squeeze(1)
     index, chosen = index[kept], chosen[kept]
-    return _mean_misfit(points[index], directions[index], targets.points[chosen], targets.directions[chosen], config)
+    return _mean_misfit(points, directions, index, targets, chosen, config)
 
 
 def rendering_loss(
@@ -152,17 +152,20 @@ def holding_loss(
 
 
 def _mean_misfit(
-    points: Float[Tensor, "pair 3"],
-    directions: Float[Tensor, "pair 3"],
-    targets: Float[Tensor, "pair 3"],
-    target_directions: Float[Tensor, "pair 3"],
+    points: Float[Tensor, "x 3"],
+    directions: Float[Tensor, "x 3"],
+    index: Int64[Tensor, " pair"],
+    targets: OrientedTargets,
+    chosen: Int64[Tensor, " pair"],
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
     """Mean over pairs of distance and direction error; zero, with zero gradient, if there is no pair."""
-    if len(points) == 0:
+    # Other kinds of indexing add gradients up in an order that differs from run to run.
+    points, directions = points.index_select(0, index), directions.index_select(0, index)
+    if len(index) == 0:
         return points.sum() + directions.sum()
-    offset = points - targets
+    offset = points - targets.points[chosen]
     distance = (offset.square().sum(dim=-1) + 1e-12).sqrt() / config.unit
-    cosine = (directions * target_directions).sum(dim=-1)
+    cosine = (directions * targets.directions[chosen]).sum(dim=-1)
     cosine = cosine if config.signed else cosine.abs()
     return (distance + 1 - cosine).mean()

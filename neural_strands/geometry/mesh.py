@@ -56,7 +56,7 @@ def interpolate(
     barycentric: Float[Tensor, "point 3"],
 ) -> Float[Tensor, "point channel"]:
     """Blend the values at a face's corners with barycentric weights."""
-    return (values[face] * barycentric[..., None]).sum(dim=1)
+    return (values.index_select(0, face) * barycentric[..., None]).sum(dim=1)
 
 
 def barycentric_coordinates(

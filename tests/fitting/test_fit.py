@@ -38,6 +38,15 @@ from neural_strands.runs.run_log import RunLog
 CPU = torch.device("cpu")
 
 
+@pytest.fixture
+def four_threads():
+    """Several threads of torch, whatever number tests run with: they may add up in any order."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(4)
+    yield
+    torch.set_num_threads(threads)
+
+
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("capture") / "ball"
@@ -112,6 +121,7 @@ def test_a_fit_shows_the_photographs_and_stays_out_of_the_head(scene):
     torch.testing.assert_close(state.drawn[:, 0], state.model.root_position, atol=1e-5, rtol=0)
 
 
+@pytest.mark.usefixtures("four_threads")
 def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
     config = tiny_config()
     whole, data = begin_tiny(scene, config)
