@@ -221,7 +221,7 @@ def _streak_part(
     """Compare the decoded strands with the streaks of some views, as far as these see them."""
     chosen = torch.randperm(len(data.streaks), generator=random)[: config.streaks.views].tolist()
     views = [data.streaks[view] for view in chosen]
-    fronts = [front_segments(state.model, state.remembered, view.camera) for view in views]
+    fronts = [front_segments(state.model, state.remembered, view.camera, view.body_depth()) for view in views]
     row = index.new_full((len(state.remembered),), -1)
     row[index] = torch.arange(len(index), device=index.device)
     return streak_loss(strands, row, views, fronts, config.streaks.pixels, random)

@@ -23,6 +23,7 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.views import View, Views
 from neural_strands.raster.lines import rasterise_lines
+from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
 
 FEWEST_SEGMENT_POINTS = 500
@@ -110,8 +111,10 @@ def _streaks(data: FitData, longest_side: int, most: int | None) -> tuple[Streak
     views = data.views.reduced(longest_side)
     count = len(views) if most is None else min(most, len(views))
     some = itertools.islice(views, count)
+    head = data.head.mesh
     return tuple(
-        find_streaks(view, data.hair_pixels(view)) for view in track(some, "streaks of the photographs", count)
+        find_streaks(view, data.hair_pixels(view), rasterise_triangles(head.vertices, head.faces, view.camera).depth)
+        for view in track(some, "streaks of the photographs", count)
     )
 
 

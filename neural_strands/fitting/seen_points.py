@@ -15,7 +15,10 @@ from neural_strands.raster.triangles import rasterise_triangles
 
 @torch.no_grad()
 def front_segments(
-    model: HairModel, strands: Float[Tensor, "strand point 3"], camera: Camera
+    model: HairModel,
+    strands: Float[Tensor, "strand point 3"],
+    camera: Camera,
+    body: Float[Tensor, "height width"] | None = None,
 ) -> Int64[Tensor, "height width"]:
     """The frontmost segment at each pixel (`raster.lines.LineBuffer.segment`), -1 where body or nothing is in front.
 
@@ -23,9 +26,11 @@ def front_segments(
         model: provides the body, which hides what is behind it.
         strands: world metres; drawn one pixel wide.
         camera: camera of the view.
+        body: depth of the body in this view, if the caller has it already.
     """
-    depth = rasterise_triangles(model.body.vertices, model.body.faces, camera).depth
-    return rasterise_lines(strands, camera, depth, replace(model.lines, width=0.0)).segment
+    if body is None:
+        body = rasterise_triangles(model.body.vertices, model.body.faces, camera).depth
+    return rasterise_lines(strands, camera, body, replace(model.lines, width=0.0)).segment
 
 
 @torch.no_grad()

@@ -4,6 +4,7 @@ The paper's images reach the shape through rendered colours alone. Streaks say m
 runs, where stereo finds no segments as well.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -41,25 +42,34 @@ class Streaks:
         camera: the view at the resolution of the streaks.
         pixel: row * width + column of each pixel.
         streak: its confidence times the cosine and sine of twice its angle (see `lmvs.orientation`).
+        body: depth of the body at each pixel, metres along the optical axis; infinite where there is none. It is kept
+            because neither camera nor body moves during a fit.
     """
 
     camera: Camera
     pixel: Int32[Tensor, " pixel"]
     streak: Float16[Tensor, "pixel 2"]
+    body: Float[Tensor, " pixel"]
+
+    def body_depth(self) -> Float[Tensor, "height width"]:
+        """Depth of the body as an image; infinite at pixels that are not compared."""
+        nothing = self.body.new_full((self.camera.height * self.camera.width,), math.inf)
+        return nothing.index_copy_(0, self.pixel.long(), self.body).view(self.camera.height, self.camera.width)
 
 
-def find_streaks(view: View, hair: Bool[Tensor, "height width"]) -> Streaks:
+def find_streaks(view: View, hair: Bool[Tensor, "height width"], body: Float[Tensor, "height width"]) -> Streaks:
     """Find the streaks of a view.
 
     Args:
         view: the photograph.
         hair: which of its pixels show hair.
+        body: depth of the body, metres along the optical axis; infinite where there is none.
     """
     seen = orientation_map(luma(view.image), OrientationConfig())
     pixel = torch.nonzero(hair.reshape(-1)).squeeze(1)
     angle, confidence = (2 * seen.angle.reshape(-1))[pixel], seen.confidence.reshape(-1)[pixel]
     streak = confidence[:, None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
-    return Streaks(view.camera, pixel.int(), streak.half())
+    return Streaks(view.camera, pixel.int(), streak.half(), body.reshape(-1)[pixel])
 
 
 def streak_loss(

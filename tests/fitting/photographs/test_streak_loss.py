@@ -9,10 +9,13 @@ from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
+from neural_strands.fitting.first_model import first_model
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.photographs.streak_loss import SMOOTH, StreakConfig, Streaks, find_streaks, streak_loss
+from neural_strands.fitting.seen_points import front_segments
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import View
+from neural_strands.prior.vae import load_prior
 from neural_strands.raster.lines import rasterise_lines
 
 SIDE = 96
@@ -42,7 +45,7 @@ def lines_of(direction, count=9, points=5):
 def streaks_everywhere(camera, angle, confidence=1.0):
     pixel = torch.arange(SIDE * SIDE, dtype=torch.int32)
     doubled = confidence * torch.tensor([math.cos(2 * angle), math.sin(2 * angle)])
-    return Streaks(camera, pixel, doubled.expand(len(pixel), 2).half())
+    return Streaks(camera, pixel, doubled.expand(len(pixel), 2).half(), torch.full((len(pixel),), math.inf))
 
 
 def loss_of(strands, views, row=None, pixels=20_000):
@@ -59,8 +62,10 @@ def test_stripes_have_the_direction_in_which_they_run(degrees):
     image = (0.5 + 0.4 * torch.sin(2 * math.pi * across / 4.0))[..., None].expand(-1, -1, 3)
     hair = torch.zeros(SIDE, SIDE, dtype=torch.bool)
     hair[20:70, 30:80] = True
-    found = find_streaks(View(FRONT, image), hair)
+    body = torch.rand(SIDE, SIDE)
+    found = find_streaks(View(FRONT, image), hair, body)
     assert torch.equal(found.pixel.long(), hair.reshape(-1).nonzero().squeeze(1))
+    assert torch.equal(found.body_depth(), torch.where(hair, body, math.inf))
     direction = found.streak.float()
     expected = torch.tensor([math.cos(2 * angle), math.sin(2 * angle)])
     assert (direction.norm(dim=-1) > 0.5).all()
@@ -91,7 +96,7 @@ def test_confidence_and_foreshortening_are_weights():
     upright = torch.tensor([-1.0, 0.0]).half()
     weak[~left] = upright
     sine = torch.tensor([math.sin(math.radians(30)) ** 2 + SMOOTH, SMOOTH]).sqrt()
-    loss = loss_of(strands, [Streaks(FRONT, streaks.pixel, weak)], pixels=400_000)
+    loss = loss_of(strands, [replace(streaks, streak=weak)], pixels=400_000)
     assert float(loss) == pytest.approx(float((shown * sine).sum() / pixels.sum()), rel=0.03)
 
 
@@ -126,7 +131,7 @@ def test_what_is_hidden_or_not_decoded_has_no_gradient():
     assert moved.tolist() == [place == 4 for place in range(9)]
     nothing = streak_loss(part, row, [front], [torch.full_like(segment, -1)], 20_000, torch.Generator().manual_seed(0))
     assert float(nothing.detach()) == 0.0
-    empty = Streaks(FRONT, torch.zeros(0, dtype=torch.int32), torch.zeros(0, 2).half())
+    empty = Streaks(FRONT, torch.zeros(0, dtype=torch.int32), torch.zeros(0, 2).half(), torch.zeros(0))
     assert float(streak_loss(part, row, [empty], [segment], 100, torch.Generator()).detach()) == 0.0
 
 
@@ -144,3 +149,16 @@ def test_a_fit_finds_the_streaks_of_its_training_views(tmp_path):
         assert (streaks.camera.width, streaks.camera.height) == (32, 32)
         assert view.hair_mask is not None
         assert torch.equal(streaks.pixel.long(), (view.hair_mask > 0.5).reshape(-1).nonzero().squeeze(1))
+
+
+def test_strands_that_the_kept_body_hides_are_those_that_the_drawn_body_hides(tmp_path):
+    strands = write_capture(tmp_path / "ball")
+    capture, config = Capture.load(tmp_path / "ball"), tiny_config(hold_out_every=3)
+    data = gather_fit_data(capture, find_head(capture), true_segments(strands), config, torch.device("cpu"))
+    model = first_model(data, load_prior(), config)
+    drawn = model.decode(20).points.detach()
+    for streaks in data.streaks:
+        pixel = streaks.pixel.long()
+        kept = front_segments(model, drawn, streaks.camera, streaks.body_depth()).view(-1)[pixel]
+        assert torch.equal(kept, front_segments(model, drawn, streaks.camera).view(-1)[pixel])
+        assert (kept != rasterise_lines(drawn, streaks.camera).segment.view(-1)[pixel]).any()
