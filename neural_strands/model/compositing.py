@@ -149,7 +149,7 @@ class Body(nn.Module):
     ) -> Float[Tensor, "pixel 3"]:
         """Linear colours at barycentric positions on faces."""
         if self.corner_uv is None:
-            corners = self.colour.index_select(0, self.faces.flatten()).view(*self.faces.shape, -1)
+            corners = self.colour.index_select(0, self.faces.flatten()).view(*self.faces.shape, self.colour.shape[1])
             colour = interpolate(corners, face, barycentric)
         else:
             colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
