@@ -5,7 +5,9 @@ not negative. This needs no clipping: parts nearer than the near plane are left 
 """
 
 import functools
+import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 import warp as wp
@@ -19,7 +21,7 @@ from neural_strands.raster.keys import empty_keys
 from neural_strands.raster.lines import projection_matrix
 
 STRIPES = 16
-"""Number of CUDA threads that share the rows of one face; the CPU uses one."""
+"""Number of CUDA threads that share the rows of one face."""
 NEAR = 0.01
 """Default distance of the near plane from the camera, metres."""
 
@@ -58,24 +60,11 @@ def rasterise_triangles(
         kernels.array(projection_matrix(camera, device)[None], wp.mat44),
     ]
     flat_keys = kernels.array(keys.view(-1))
-    kernel = triangle_kernels.draw_triangles
-    kernels.load(kernel, device)
-    on_gpu = device.type == "cuda"
-    bands, stripes = (1, STRIPES) if on_gpu else (torch.get_num_threads(), 1)
-    bounds = [height * band // bands for band in range(bands + 1)]
-    # Each CPU thread visits all faces for its own band of rows.
-    kernels.run_together(
-        [
-            functools.partial(
-                kernels.launch,
-                kernel,
-                len(faces) * stripes,
-                [*mesh, near, width, bounds[band], bounds[band + 1], stripes, flat_keys],
-                device,
-            )
-            for band in range(bands)
-        ]
-    )
+    if device.type == "cuda":
+        inputs = [*mesh, near, width, 0, height, STRIPES, flat_keys]
+        kernels.launch(triangle_kernels.draw_triangles, len(faces) * STRIPES, inputs, device)
+    else:
+        _draw_in_bands([*mesh, near, width], len(faces), height, flat_keys)
     buffer = TriangleBuffer(
         torch.zeros_like(keys),
         torch.zeros(height, width, 3, device=device),
@@ -90,3 +79,16 @@ def rasterise_triangles(
         triangle_kernels.resolve_triangles, height * width, [flat_keys, *mesh, width, *outputs], device
     )
     return buffer
+
+
+def _draw_in_bands(inputs: list[Any], faces: int, height: int, keys: Any) -> None:
+    """Draw on the CPU: each thread visits all faces for its own band of rows."""
+    kernel, bands = triangle_kernels.draw_triangles_in_lanes, torch.get_num_threads()
+    kernels.load(kernel, "cpu")
+    bounds = [height * band // bands for band in range(bands + 1)]
+    kernels.run_together(
+        [
+            functools.partial(kernels.launch, kernel, faces, [*inputs, first, last, keys], "cpu")
+            for first, last in itertools.pairwise(bounds)
+        ]
+    )

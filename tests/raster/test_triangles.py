@@ -2,9 +2,14 @@ import dataclasses
 
 import pytest
 import torch
+import warp as wp
 
+from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import interpolate
+from neural_strands.raster.kernels.triangles import draw_triangles, draw_triangles_in_lanes
+from neural_strands.raster.keys import empty_keys
+from neural_strands.raster.lines import projection_matrix
 from neural_strands.raster.reference import rasterise_triangles_reference
 from neural_strands.raster.triangles import rasterise_triangles
 
@@ -35,6 +40,32 @@ def test_agrees_with_ray_casting(generator, device, distance):
     hit = same & (expected.face >= 0)
     torch.testing.assert_close(found.depth.cpu()[same], expected.depth[same], rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(found.barycentric.cpu()[hit], expected.barycentric[hit], rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("distance", [1.5, 0.4, 0.0])
+@pytest.mark.parametrize("spread", [0.02, 0.5])
+def test_the_kernel_of_the_cpu_draws_what_that_of_cuda_draws(generator, distance, spread):
+    """The same keys, bit for bit, for faces of a few pixels and of many; some are not finite or have no area."""
+    camera = Camera.look_at(torch.tensor([0.1, 0.2, distance]), torch.tensor([0.0, 0.0, -1.0]), 150.0, (131, 97))
+    vertices, faces = soup(generator)
+    vertices = vertices.view(-1, 3, 3)
+    vertices = vertices.mean(dim=1, keepdim=True) + spread * 10 * (vertices - vertices.mean(dim=1, keepdim=True))
+    vertices[0, 1, 2], vertices[1, 2] = torch.inf, vertices[1, 1]
+    cpu = torch.device("cpu")
+    keys = [empty_keys(camera.height, camera.width, cpu) for _ in range(2)]
+    shared = [
+        kernels.array(vertices.view(-1, 3), wp.vec3),
+        kernels.array(faces.int(), wp.vec3i),
+        kernels.array(projection_matrix(camera, cpu)[None], wp.mat44),
+        0.01,
+        camera.width,
+        0,
+        camera.height,
+    ]
+    kernels.launch(draw_triangles, len(faces), [*shared, 1, kernels.array(keys[0].view(-1))], cpu)
+    kernels.launch(draw_triangles_in_lanes, len(faces), [*shared, kernels.array(keys[1].view(-1))], cpu)
+    assert torch.equal(keys[0], keys[1])
+    assert len(keys[0].unique()) > 50
 
 
 def test_interpolated_positions_lie_on_their_rays(generator):
