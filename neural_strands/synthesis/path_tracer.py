@@ -45,11 +45,11 @@ class TracingConfig:
 
     samples: int = 16
     """Paths per pixel."""
-    mask_samples: int = 16
+    mask_samples: int = 36
     """Rays per pixel for the coverage of hair."""
     depth: int = 12
     """Longest path (bounces + 1)."""
-    roulette: int = 3
+    roulette: int = 5
     """Length from which paths that carry little light end at random. The mean stays the same; a greater length gives
     less noise but takes more time."""
     pigments: int = 12
