@@ -1,22 +1,38 @@
 """Resampling by two and pointwise nonlinearities that keep their band limit (StyleGAN3 paper, section 3).
 
 Plain torch convolutions, one per channel and axis, in channels-last memory: this is the fast path on CPU and CUDA, and
-autograd provides the backward pass. Grids are aligned by pixel areas: a coarse pixel covers `factor` fine ones.
+autograd provides the backward pass. Activations without gradients have a kernel of their own on the CPU. Grids are
+aligned by pixel areas: a coarse pixel covers `factor` fine ones.
 """
 
+import functools
 import math
+from typing import Any
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch._subclasses.fake_tensor import FakeTensor
 from torch.nn import functional as F
+
+from neural_strands.foundation import kernels as launches
+from neural_strands.raster.kernels.activations import (
+    CHANNELS,
+    CLAMP,
+    LEAKY_SLOPE,
+    REACH,
+    TAPS,
+    Filter,
+    Vector,
+    filtered_activation,
+)
 
 Images = Float[Tensor, "batch channel height width"]
 Resampled = Float[Tensor, "batch channel new_height new_width"]
 
-LEAKY_SLOPE = 0.2
 LEAKY_GAIN = math.sqrt(2.0)
-CLAMP = 256.0
-"""Activations are clamped here: far outside the values of a trained network, but within half precision."""
+TILE = 128
+"""Columns that the CPU's kernel filters together; what it keeps of them fits into the cache."""
 
 
 def upsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -> Resampled:
@@ -54,9 +70,52 @@ def filtered_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel:
     `kernel` interpolates on the way up and removes the new frequencies on the way down. The gain is part of the second
     pass and the clamp follows it, because at twice the resolution a pointwise step costs as much as a filter.
     """
+    if _is_fused(images, bias, kernel):
+        return _fused_leaky_relu(images, bias, kernel)
     fine = upsample(images + _per_channel(bias, images), kernel)
     activated = F.leaky_relu(fine, LEAKY_SLOPE, inplace=True)
     return downsample(activated, kernel * math.sqrt(LEAKY_GAIN)).clamp(-CLAMP, CLAMP)
+
+
+def _is_fused(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> bool:
+    """Whether one kernel does the whole activation: on the CPU, without gradients, for suitable sizes."""
+    if images.device.type != "cpu" or images.dtype != torch.float32 or torch.compiler.is_compiling():
+        return False
+    if torch.is_grad_enabled() and (images.requires_grad or bias.requires_grad):
+        return False
+    plain = not isinstance(images, FakeTensor) and not torch.is_autocast_enabled("cpu")
+    return plain and images.shape[1] % CHANNELS == 0 and len(kernel) == TAPS and images.numel() > 0
+
+
+def _fused_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> Images:
+    """`filtered_leaky_relu` as one kernel: each thread takes a band of rows."""
+    batch, channel, height, width = images.shape
+    pixels = images.permute(0, 2, 3, 1).contiguous()
+    result = launches.zeros(pixels.shape, torch.float32, images.device)
+    tile = min(TILE, width)
+    rows = -(-height // torch.get_num_threads())
+    across = -(-width // tile)
+    filters = [Filter(*(kernel * gain).tolist()) for gain in (2.0, math.sqrt(LEAKY_GAIN))]
+    repeated = _vectors(bias.detach().to(images).repeat(tile + 2 * REACH))
+    sizes = [height, width, channel // CHANNELS, rows, tile]
+
+    def band(source: Tensor, target: Tensor, number: int) -> None:
+        # Every thread has work arrays of its own.
+        sizes_of_work = (tile + 2 * REACH, tile + REACH, tile + REACH, 2 * TAPS * tile)
+        work = [_vectors(launches.zeros([size * channel], torch.float32, source.device)) for size in sizes_of_work]
+        inputs = [number * across, _vectors(source), repeated, *filters, *sizes, *work, _vectors(target)]
+        launches.launch(filtered_activation, across, inputs, "cpu")
+
+    launches.load(filtered_activation, "cpu")
+    bands = range(-(-height // rows))
+    for image in range(batch):
+        jobs = [functools.partial(band, pixels[image], result[image], number) for number in bands]
+        launches.run_together(jobs)
+    return result.permute(0, 3, 1, 2)
+
+
+def _vectors(values: Tensor) -> Any:
+    return launches.array(values.reshape(-1, CHANNELS), Vector)
 
 
 def _per_channel(bias: Float[Tensor, " channel"], images: Images) -> Float[Tensor, "channel 1 1"]:

@@ -8,6 +8,7 @@ from torch.nn import functional as F
 
 from neural_strands.raster.filters import LowPass
 from neural_strands.raster.resample import (
+    CLAMP,
     LEAKY_GAIN,
     downsample,
     filtered_leaky_relu,
@@ -140,3 +141,35 @@ def test_round_trip_keeps_a_smooth_image(generator):
     )
     restored = downsample(upsample(image, KERNEL), KERNEL)
     torch.testing.assert_close(restored[..., 8:-8, 8:-8], image[..., 8:-8, 8:-8], atol=0.03, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("batch", "channels", "height", "width"), [(1, 16, 40, 37), (2, 32, 9, 150), (1, 48, 2, 1), (1, 16, 70, 257)]
+)
+def test_the_kernel_of_the_cpu_gives_what_torch_gives(generator, batch, channels, height, width):
+    """The bias is large, so that wrong borders would show: it does not continue outside the image."""
+    images = torch.randn(batch, channels, height, width, generator=generator)
+    images = images.contiguous(memory_format=torch.channels_last)
+    bias, kernel = 3 * torch.randn(channels, generator=generator), LowPass().coefficients()
+    # With a gradient, torch's convolutions do the work.
+    expected = filtered_leaky_relu(images.clone().requires_grad_(), bias, kernel).detach()
+    threads, found = torch.get_num_threads(), []
+    try:
+        for count in (1, 3):
+            torch.set_num_threads(count)
+            found.append(filtered_leaky_relu(images, bias, kernel))
+    finally:
+        torch.set_num_threads(threads)
+    assert torch.equal(found[0], found[1])
+    assert found[0].is_contiguous(memory_format=torch.channels_last)
+    torch.testing.assert_close(found[0], expected, rtol=2e-6, atol=4e-6)
+    assert not torch.equal(found[0], expected)
+
+
+def test_the_kernel_of_the_cpu_clamps_and_takes_other_layouts(generator):
+    images = 1000 * torch.randn(1, 16, 12, 12, generator=generator)
+    bias, kernel = torch.zeros(16), LowPass().coefficients()
+    found = filtered_leaky_relu(images, bias, kernel)
+    expected = filtered_leaky_relu(images.clone().requires_grad_(), bias, kernel).detach()
+    assert float(found.abs().max()) == CLAMP
+    torch.testing.assert_close(found, expected, rtol=2e-6, atol=1e-3)
