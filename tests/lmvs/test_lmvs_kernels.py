@@ -74,6 +74,67 @@ def test_line_cost_is_its_twin(generator: torch.Generator, device: torch.device)
     assert (limited < 0.9 * cost).all()
 
 
+def test_perturbed_lines_stay_within_their_search_range(generator: torch.Generator, device: torch.device):
+    cameras, count = some_cameras(), 300
+    angle, confidence = (torch.rand(4, 40, 48, generator=generator) for _ in range(2))
+    doubled = 2 * math.pi * angle
+    parts = [confidence * doubled.cos(), confidence * doubled.sin(), confidence, angle]
+    texture = torch.stack(parts, dim=-1).reshape(-1, 4).to(device)
+    patch = Patch()
+    patch.along, patch.across, patch.step = 3, 1, 1.5
+    patch.intensity, patch.best, patch.views, patch.height, patch.width = 0.4, 2, 3, 40, 48
+    point = torch.randn(count, 3, generator=generator) * 0.05
+    centre = torch.stack([camera.position for camera in cameras])
+    ray = torch.nn.functional.normalize(point - centre[0], dim=-1)
+    depth = (point - centre[0]).norm(dim=-1)
+    # The first have room only in front, the second only behind, the last none.
+    place = torch.arange(count) // 100
+    near = depth - torch.tensor([0.05, 0.0, 0.0])[place]
+    far = depth + torch.tensor([0.0, 0.05, 0.0])[place]
+    line, normal = unit(count, generator=generator), unit(count, generator=generator)
+    state = [tensor.clone().to(device) for tensor in (depth, line, torch.full((count,), 4.0))]
+    plane = torch.stack([(camera.intrinsics @ camera.rotation).T for camera in cameras])
+    views = [
+        launches.array(texture, wp.vec4),
+        launches.array(projections(cameras).to(device), wp.mat44),
+        launches.array(centre.to(device), wp.vec3),
+        launches.array(plane.to(device), wp.mat33),
+        patch,
+    ]
+    angle_of_pixel = 1.0 / 80
+
+    def improve(trials: int) -> None:
+        inputs = [
+            launches.array(torch.arange(count, dtype=torch.int32, device=device)),
+            launches.array(torch.full((count, 8), -1, dtype=torch.int32, device=device)),
+            *(launches.array(tensor.to(device), wp.vec3) for tensor in (ray, normal)),
+            *(launches.array(tensor.to(device)) for tensor in (near, far)),
+            *(trials, 0.04, 0.3, 7, angle_of_pixel),
+            *views,
+            *(launches.array(tensor, kind) for tensor, kind in zip(state, (None, wp.vec3, None), strict=True)),
+        ]
+        launches.launch_split(patchmatch_kernels.improve, count, inputs, device)
+
+    improve(0)
+    begun = state[2].cpu().clone()
+    improve(6)
+    found, cost = state[0].cpu(), state[2].cpu()
+    moved = found != depth
+    assert moved.view(3, 100).sum(dim=1).tolist()[2] == 0
+    assert (moved.view(3, 100).sum(dim=1)[:2] > 30).all()
+    assert ((found > near) & (found < far))[moved].all()
+    assert torch.equal(cost < begun, moved)
+    # The cost that is kept is that of the line that is kept.
+    again = torch.zeros(count, device=device)
+    where = centre[0] + ray * found[:, None]
+    kept = [launches.array(tensor.to(device), wp.vec3) for tensor in (where, state[1], normal)]
+    footprint = launches.array((found * angle_of_pixel).to(device))
+    limit = patchmatch_kernels.UNLIMITED
+    inputs = [*kept, footprint, *views[:2], patch, limit, launches.array(again)]
+    launches.launch_split(patchmatch_kernels.evaluate, count, inputs, device)
+    torch.testing.assert_close(again.cpu(), cost, rtol=0, atol=1e-4)
+
+
 def test_a_ribbon_too_large_for_the_kernels_is_refused():
     with pytest.raises(ValueError, match="at most 128 samples, found 135"):
         replace(LEVELS[0], along=13, across=2)

@@ -182,15 +182,16 @@ def improve(
     scale = float(1.0)
     for k in range(trials):
         distance = best_depth + depth_range * scale * (2.0 * wp.randf(state) - 1.0)
-        point = centre[0] + ray[i] * distance
         line = wp.normalize(best_line + wp.sample_unit_sphere(state) * (angle_range * scale))
-        if k % 2 == 0:
-            line = seen_direction(texture, projection, centre, plane, point, patch)
-        found = line_cost(texture, projection, point, line, normal[i], distance * pixel_angle, patch, best_cost)
-        if found < best_cost and distance > near[i] and distance < far[i]:
-            best_cost = found
-            best_depth = distance
-            best_line = line
+        if distance > near[i] and distance < far[i]:
+            point = centre[0] + ray[i] * distance
+            if k % 2 == 0:
+                line = seen_direction(texture, projection, centre, plane, point, patch)
+            found = line_cost(texture, projection, point, line, normal[i], distance * pixel_angle, patch, best_cost)
+            if found < best_cost:
+                best_cost = found
+                best_depth = distance
+                best_line = line
         scale *= 0.7
     cost[i] = best_cost
     depth[i] = best_depth
