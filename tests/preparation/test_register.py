@@ -1,14 +1,20 @@
 """Structure from motion on real photographs, and the message if there is nothing to find."""
 
+import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
 from full_disk import smallest_files
+from papered_room import room, wallpaper
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras import register as register_module
 from neural_strands.preparation.cameras.register import DATABASE, match_photographs, register
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, write_picture
@@ -42,6 +48,43 @@ def test_outside_the_masks_of_a_person_who_turns_are_no_features(tmp_path: Path)
     assert len(places) == 3
     assert all(len(across) > 10 for across in places)
     assert min(across.min() for across in places) > 126
+
+
+@pytest.mark.slow
+def test_matches_and_cameras_are_the_same_however_threads_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    import pycolmap
+
+    mapping = pycolmap.incremental_mapping
+
+    def with_threads_for_small_models(database, images, out, options, **callbacks):
+        options.ba_min_num_residuals_for_cpu_multi_threading = 0
+        return mapping(database, images, out, options, **callbacks)
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", with_threads_for_small_models)
+    monkeypatch.setattr(register_module.os, "cpu_count", lambda: 4)
+    random = np.random.default_rng(0)
+    papers = [wallpaper(random) for _ in range(6)]
+    images, shots, found = tmp_path / "photographs", [], []
+    images.mkdir()
+    for k in range(8):
+        eye = torch.tensor([0.8 * math.sin(0.25 * k), 0.1 * math.sin(k), 0.8 * math.cos(0.25 * k)])
+        camera = Camera.look_at(eye, torch.zeros(3), 300.0, (256, 256), f"{k}.png")
+        write_picture(images / camera.name, room(camera, papers).round().astype(np.uint8))
+        shots.append(Photograph(camera.name, f"{k}.jpg", 256, 256, 300.0))
+    for again in range(2):
+        matches, model = tmp_path / f"matches_{again}", tmp_path / f"model_{again}"
+        matches.mkdir()
+        model.mkdir()
+        match_photographs(images, shots, matches)
+        register(images, shots, matches, model, lambda _: None)
+        with closing(sqlite3.connect(matches / DATABASE)) as database:
+            names = database.execute("SELECT name FROM images ORDER BY image_id").fetchall()
+            tables = ("keypoints", "descriptors", "matches", "two_view_geometries")
+            rows = {table: database.execute(f"SELECT * FROM {table} ORDER BY 1").fetchall() for table in tables}
+        assert [name for (name,) in names] == [shot.name for shot in shots]
+        found.append((rows, {path.name: path.read_bytes() for path in model.iterdir()}))
+    assert len(found[0][0]["two_view_geometries"]) >= 7
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize(

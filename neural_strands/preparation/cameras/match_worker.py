@@ -17,6 +17,7 @@ def main(request: dict[str, Any]) -> None:
     """Fill the database."""
     # What COLMAP reports as an error, such as that nothing matches, is told by its caller.
     pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
+    pycolmap.Database.open(request["database"]).close()
     for group in request["groups"]:
         options = pycolmap.ImageReaderOptions()
         options.camera_model = group["model"]
@@ -24,6 +25,14 @@ def main(request: dict[str, Any]) -> None:
         options.default_focal_length_factor = group["focal"]
         if request["masks"] is not None:
             options.mask_path = request["masks"]
+        # First, in the order of their names: detectors number images in the order in which they finish.
+        pycolmap.import_images(
+            request["database"],
+            request["images"],
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            image_names=group["names"],
+            options=options,
+        )
         extraction = pycolmap.FeatureExtractionOptions()
         extraction.num_threads = group["threads"]
         pycolmap.extract_features(
@@ -36,7 +45,10 @@ def main(request: dict[str, Any]) -> None:
             device=pycolmap.Device.cpu,
         )
         tell("detected")
-    pycolmap.match_exhaustive(request["database"], device=pycolmap.Device.cpu)
+    verification = pycolmap.TwoViewGeometryOptions()
+    # Without it, the random numbers of a pair depend on the pairs that its thread has verified before.
+    verification.ransac.random_seed = 0
+    pycolmap.match_exhaustive(request["database"], verification_options=verification, device=pycolmap.Device.cpu)
     tell("matched")
 
 

@@ -50,6 +50,8 @@ PIXEL_MEMORY, FEATURE_MEMORY = 320, 3e9
 """Bytes that COLMAP's detector takes for each pixel of a photograph, and that all of its threads together may take."""
 LARGEST_DETECTED = 3200
 """Longer side to which COLMAP itself reduces photographs when it detects features, pixels."""
+ONE_THREAD = 1
+"""Threads that place the cameras; several would add up in an order that differs from run to run."""
 DATABASE = "database.db"
 WORKER = Path(__file__).with_name("match_worker.py")
 
@@ -203,6 +205,7 @@ def _mapped(
     pycolmap.set_random_seed(0)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = 0
+    options.num_threads = ONE_THREAD
     options.min_model_size = FEWEST
     seen = itertools.count(1)
     with _reported_errors():
@@ -236,6 +239,7 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
     poses = {identity: image.cam_from_world() for identity, image in model.images.items() if image.has_pose}
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = True
+    options.ceres.solver_options.num_threads = ONE_THREAD
     options.print_summary = False
     # Not `pycolmap.bundle_adjustment`, which writes to the terminal.
     config = pycolmap.BundleAdjustmentConfig()
