@@ -1,15 +1,36 @@
-"""Reads files of `torch.save` without trusting them: only tensors and plain values, of the expected structure."""
+"""Tensors in files: safetensors with the same bytes every time, and files of `torch.save`, read without trusting them.
 
+Of the latter only tensors and plain values are read, and only in the expected structure.
+"""
+
+import json
 import warnings
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import safetensors.torch
 import torch
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.foundation.input_files import check_file
+
+
+def safetensors_bytes(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -> bytes:
+    """The contents of a safetensors file, with its notes in the order of their names.
+
+    The library writes notes in an order of its own, which differs from call to call.
+    """
+    written = safetensors.torch.save(dict(tensors), dict(notes))
+    end = 8 + int.from_bytes(written[:8], "little")
+    header = json.loads(written[8:end])
+    header["__metadata__"] = dict(sorted(header.get("__metadata__", {}).items()))
+    ordered = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    # The data begin at a multiple of eight bytes.
+    ordered += b" " * (-len(ordered) % 8)
+    return len(ordered).to_bytes(8, "little") + ordered + written[end:]
 
 
 def read_tensors(path: Path, what: str, advice: str, with_older_format: bool = False) -> Any:

@@ -7,13 +7,13 @@ from pathlib import Path
 import torch
 from jaxtyping import Float
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor, nn
 
 from neural_strands.foundation.configs import config_from_json
 from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.files import atomic_file
 from neural_strands.foundation.json_files import parse_json
+from neural_strands.foundation.tensor_files import safetensors_bytes
 from neural_strands.geometry.resample import resample_strands
 from neural_strands.geometry.strands import lengths
 from neural_strands.prior.bounded_quantities import LONGEST, SHORTEST
@@ -119,7 +119,7 @@ def save_prior(prior: StrandPrior, path: Path, notes: dict[str, str]) -> None:
     described = {"generator": asdict(prior.generator.config), "encoder": asdict(prior.encoder.config)}
     tensors = {name: value.detach().cpu().contiguous() for name, value in prior.state_dict().items()}
     with atomic_file(path) as temporary:
-        temporary.write_bytes(save(tensors, {**notes, "config": json.dumps(described)}))
+        temporary.write_bytes(safetensors_bytes(tensors, {**notes, "config": json.dumps(described)}))
 
 
 def load_prior(path: Path | None = None, device: torch.device | str = "cpu") -> StrandPrior:

@@ -12,8 +12,9 @@ import torch
 from damage import EDIT, damage, fuzz, read_or_refuse
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors import safe_open
 
-from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam
+from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam, safetensors_bytes
 
 
 def saved(content: object, **options: bool) -> bytes:
@@ -24,6 +25,20 @@ def saved(content: object, **options: bool) -> bytes:
 
 def read(path: Path) -> Any:
     return read_tensors(path, "a checkpoint", "start anew")
+
+
+def test_safetensors_have_the_same_bytes_every_time_and_are_read_back(tmp_path: Path):
+    tensors = {"b": torch.arange(3.0), "a": torch.ones(2, 2, dtype=torch.int64)}
+    notes = {name: f"{name} \u00fc\n" for name in "zyxwvutsr"}
+    written = {safetensors_bytes(tensors, dict(order)) for order in (notes.items(), reversed(notes.items()))}
+    written |= {safetensors_bytes(tensors, notes) for _ in range(5)}
+    assert len(written) == 1
+    path = tmp_path / "a.safetensors"
+    path.write_bytes(written.pop())
+    with safe_open(path, "pt") as found:
+        assert found.metadata() == notes
+        assert sorted(found.keys()) == ["a", "b"]
+        assert all(torch.equal(found.get_tensor(name), tensors[name]) for name in tensors)
 
 
 def test_content_comes_back(tmp_path):
