@@ -142,13 +142,16 @@ def score_geometry(
     """
     precision, signed_precision = matched_shares(predicted, truth, thresholds)
     recall, signed_recall = matched_shares(truth, predicted, thresholds)
-    thinned = truth.thinned(CONSISTENCY_EVERY)
+    consistent: list[float] | None = None
+    if with_consistency:
+        pairs = [(threshold.distance, threshold.angle) for threshold in thresholds]
+        consistent = consistency(predicted, truth.thinned(CONSISTENCY_EVERY), pairs)
     return tuple(
         GeometryScore(
             threshold,
             Agreement(precision[k], recall[k]),
             Agreement(signed_precision[k], signed_recall[k]),
-            100 * consistency(predicted, thinned, threshold.distance, threshold.angle) if with_consistency else None,
+            None if consistent is None else 100 * consistent[k],
         )
         for k, threshold in enumerate(thresholds)
     )

@@ -86,7 +86,7 @@ def match_levels(
     Raises:
         ValueError: the thresholds do not grow, or there are more than eight.
     """
-    _check_thresholds(thresholds)
+    check_thresholds(thresholds)
     grid = points if isinstance(points, PointGrid) else PointGrid.build(points, thresholds[-1][0])
     count = len(thresholds)
     unsigned = torch.full((len(queries),), count, dtype=torch.int32, device=queries.device)
@@ -116,7 +116,7 @@ def match_levels_reference(
     thresholds: Sequence[tuple[float, float]],
 ) -> tuple[Int32[Tensor, " query"], Int32[Tensor, " query"]]:
     """`match_levels` by brute force: every query against every point."""
-    _check_thresholds(thresholds)
+    check_thresholds(thresholds)
     levels = [torch.full((len(queries),), len(thresholds), dtype=torch.int32, device=queries.device) for _ in range(2)]
     for start in range(0, len(queries), TWIN_CHUNK):
         chunk = slice(start, start + TWIN_CHUNK)
@@ -128,7 +128,12 @@ def match_levels_reference(
     return levels[0], levels[1]
 
 
-def _check_thresholds(thresholds: Sequence[tuple[float, float]]) -> None:
+def check_thresholds(thresholds: Sequence[tuple[float, float]]) -> None:
+    """Reject thresholds (radius in metres, largest angle in radians) that do not go from strict to lax.
+
+    Raises:
+        ValueError: one decreases, the first radius is not positive, or there are none or more than eight.
+    """
     growing = all(a[0] <= b[0] and a[1] <= b[1] for a, b in itertools.pairwise(thresholds))
     if not 0 < len(thresholds) <= MOST_LEVELS or not growing or thresholds[0][0] <= 0:
         raise ValueError(f"expected 1 to {MOST_LEVELS} growing (radius, angle) thresholds, found {list(thresholds)}")

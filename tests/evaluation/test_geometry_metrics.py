@@ -119,10 +119,16 @@ def test_consistency_equals_its_twin(generator):
         return sample_strands(steps.cumsum(dim=1) + torch.rand(count, 1, 3, generator=generator) * 0.01, 1e-3)
 
     predicted, truth = wander(30), wander(20)
-    for threshold in THRESHOLDS:
-        value = consistency(predicted, truth, threshold.distance, threshold.angle)
-        assert value == pytest.approx(consistency_reference(predicted, truth, threshold.distance, threshold.angle))
+    pairs = [(threshold.distance, threshold.angle) for threshold in THRESHOLDS]
+    values = consistency(predicted, truth, pairs)
+    assert len(values) == len(pairs)
+    for value, (distance, angle) in zip(values, pairs, strict=True):
+        assert value == pytest.approx(consistency_reference(predicted, truth, distance, angle))
         assert 0 < value < 1
+    # A threshold alone gives what it gives among others.
+    assert [consistency(predicted, truth, [pair])[0] for pair in pairs] == values
+    with pytest.raises(ValueError, match="growing"):
+        consistency(predicted, truth, pairs[::-1])
 
 
 def test_points_inside_a_box_and_distance_of_roots():

@@ -8,6 +8,7 @@ import warp as wp
 
 from neural_strands.geometry.kernels.point_queries import (
     Cells,
+    LevelVector,
     outside_grid,
     row_of,
     row_on_ring,
@@ -18,10 +19,20 @@ from neural_strands.geometry.kernels.point_queries import (
 
 @wp.func
 @no_type_check
-def count_match(strand: int, other: int, point: int, slots: int, scratch: wp.array3d[int]) -> int:
-    """Record that strand `other` matches a point; return the number of points it has matched (0 if the table is full).
+def count_match(
+    strand: int,
+    other: int,
+    point: int,
+    strictest: int,
+    levels: int,
+    slots: int,
+    scratch: wp.array3d[int],
+    best: wp.array2d[int],
+) -> None:
+    """Record that strand `other` matches a point from the level `strictest` on, unless the table is full.
 
-    A slot stores the index of the other strand plus one, how many points it matched, and the last of them plus one.
+    A slot stores the index of the other strand plus one and, for each level, how many points it matched and the last
+    of them plus one. `best` takes the largest count of each level.
     """
     slot = other & (slots - 1)
     for _ in range(slots):
@@ -30,12 +41,16 @@ def count_match(strand: int, other: int, point: int, slots: int, scratch: wp.arr
             scratch[strand, slot, 0] = other + 1
             holder = other + 1
         if holder == other + 1:
-            if scratch[strand, slot, 2] != point + 1:
-                scratch[strand, slot, 2] = point + 1
-                scratch[strand, slot, 1] = scratch[strand, slot, 1] + 1
-            return scratch[strand, slot, 1]
+            for level in range(strictest, levels):
+                # What matches at a level also matches at all laxer ones.
+                if scratch[strand, slot, 2 * level + 2] == point + 1:
+                    return
+                scratch[strand, slot, 2 * level + 2] = point + 1
+                found = scratch[strand, slot, 2 * level + 1] + 1
+                scratch[strand, slot, 2 * level + 1] = found
+                best[strand, level] = wp.max(best[strand, level], found)
+            return
         slot = (slot + 1) & (slots - 1)
-    return 0
 
 
 @wp.kernel(enable_backward=False)
@@ -49,17 +64,19 @@ def consistency_kernel(
     curves: wp.array[int],
     true_points: wp.array[wp.vec3],
     true_directions: wp.array[wp.vec3],
-    radius: float,
-    cosine: float,
+    radii: LevelVector,
+    cosines: LevelVector,
+    levels: int,
     slots: int,
     offsets: wp.array[int],
     scratch: wp.array3d[int],
-    best: wp.array[int],
+    best: wp.array2d[int],
 ) -> None:
-    """One thread per true strand: count the points that each predicted strand matches, and keep the largest count."""
+    """One thread per true strand: count the points that each predicted strand matches, and keep the largest counts."""
     strand = first_strand + wp.tid()
+    radius = radii[levels - 1]
+    cosine = cosines[levels - 1]
     reach = int(radius / cells.size) + 1
-    largest = wp.int32(0)
     for i in range(offsets[strand], offsets[strand + 1]):
         query = true_points[i]
         if not outside_grid(query, radius, cells):
@@ -70,7 +87,14 @@ def consistency_kernel(
                     span = row_span(query, row, radius, cells, starts)
                     for k in range(span[0], span[1]):
                         offset = points[k] - query
-                        alike = wp.abs(wp.dot(true_directions[i], directions[k])) >= cosine
-                        if alike and wp.dot(offset, offset) <= radius * radius:
-                            largest = wp.max(largest, count_match(strand, curves[k], i, slots, scratch))
-    best[strand] = largest
+                        square = wp.dot(offset, offset)
+                        alike = wp.abs(wp.dot(true_directions[i], directions[k]))
+                        if alike >= cosine and square <= radius * radius:
+                            strictest = int(levels - 1)
+                            while (
+                                strictest > 0
+                                and square <= radii[strictest - 1] * radii[strictest - 1]
+                                and alike >= cosines[strictest - 1]
+                            ):
+                                strictest -= 1
+                            count_match(strand, curves[k], i, strictest, levels, slots, scratch, best)
