@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from neural_strands.preparation.masks.finish import LOOSE, finish_mask
+from neural_strands.flow.hull import HullConfig
+from neural_strands.preparation.masks.finish import MARGIN, finish_mask
 
 FOOTPRINT = 0.001
 """One millimetre per pixel, so that the figures below are in millimetres."""
@@ -25,13 +26,20 @@ def drawn(*boxes: tuple[int, int, int, int]) -> np.ndarray:
     return parts
 
 
-def test_hair_is_kept_and_its_border_loose():
+def test_above_one_half_a_mask_is_the_hair_and_a_margin_has_less():
     parts = drawn((30, 140, 60, 180))
     mask = finished(parts) / 255
     away = cv2.distanceTransform((~parts).astype(np.uint8), cv2.DIST_L2, 5)
     assert (mask[parts] == 1).all()
-    assert (mask[away > LOOSE + 1] == 0).all()
-    assert np.allclose(mask[85, 180:184], [1, 0.5, 0, 0], atol=0.01)
+    assert (mask[~parts] < 0.5).all()
+    assert (mask[away > MARGIN + 0.5] == 0).all()
+    # 0.5 at the border of the hair, which is half a pixel away from the middle of the first pixel, and 0 at 3 pixels.
+    assert np.allclose(mask[85, 180:184], [2.5 / 6, 1.5 / 6, 0.5 / 6, 0], atol=0.01)
+
+
+def test_two_pixels_of_the_margin_are_room_for_hair():
+    mask = finished(drawn((30, 140, 60, 180))) / 255
+    assert (mask[85, 180:183] >= HullConfig().mask_threshold).tolist() == [True, True, False]
 
 
 def test_long_hair_goes_on_below_the_chin():

@@ -1,12 +1,13 @@
-"""Turns the probability of hair into a mask: drops parts that cannot be hair, and extends the border a little."""
+"""Turns the probability of hair into a mask: drops parts that cannot be hair, and adds a margin of low values."""
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-LOOSE = 1.5
-"""Pixels by which masks extend beyond the segmented hair, at the size at which they are computed: hair outside a mask
-is lost, whereas a margin of background costs little (about 1 dB in the hair for 4 pixels)."""
+EDGE, MARGIN = 0.5, 3.0
+"""Value of a mask at the border of the segmented hair, and pixels over which it falls to zero outside, at the size at
+which masks are computed. Pictures are compared with the hair itself, where the mask exceeds one half. But hair that is
+left out of the volume in which it is searched is lost, so stereo and the hull also use places of lower values."""
 LARGE, SPECK = 0.25, 0.01
 """Sizes of a mask's parts relative to the largest: above the first a part is always kept, below the second never."""
 LIKELY = 0.5
@@ -24,7 +25,7 @@ def finish_mask(
     footprint: float,
     size: tuple[int, int],
 ) -> UInt8[np.ndarray, "rows columns"]:
-    """Turn the probability of hair into a slightly loose mask with a soft border one pixel wide.
+    """Turn the probability of hair into a mask: 1 in the hair, less than one half in a margin around it.
 
     Parts are kept if they are large or if hair is likely there: a beard, or a shadow on the neck, has the colour of
     hair. Below the chin, hair must be connected with hair above it by more than a thin bridge, so that the shadow
@@ -40,7 +41,9 @@ def finish_mask(
     solid = coverage > 0.5
     firm = _kept(solid & (_opened(solid, THICK / footprint) | ~below_chin), np.where(below_chin, 0.0, likely))
     kept = _connected_to(firm, firm | (solid & (_distance(firm) <= REACH / footprint)))
-    soft = np.clip(LOOSE + 1.0 - _distance(kept), 0.0, 1.0) if kept.any() else np.zeros(kept.shape)
+    # The border runs half a pixel before the middle of the nearest pixel outside.
+    around = EDGE * np.clip(1.0 - (_distance(kept) - 0.5) / MARGIN, 0.0, 1.0)
+    soft = np.where(kept, 1.0, around)
     soft = cv2.resize(soft.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     return np.rint(soft * 255).astype(np.uint8)
 
