@@ -72,7 +72,7 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 2, "masks": 2, "template": 2}
+VERSIONS = {"photographs": 2, "masks": 3, "template": 2, "skull": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 

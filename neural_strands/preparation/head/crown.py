@@ -4,10 +4,12 @@ Photographs do not show the skull under the hair, so a fitted head has the heigh
 strands start far below the hair and stay there. But somewhere above the brows hair leaves the skin in sight: at the
 hairline, a parting or a whorl. There, the line segments of multi-view stereo reach down to the skin. If even the lowest
 of them lie above the fitted skull, it is too low, and it is raised along the directions away from its middle: not at
-all at the height of the brows, and fully at the crown. It is never lowered, because hair may cover the skin everywhere.
+all at the height of the brows, and fully at the crown. Where views look down on the skin between the hairs, it is
+raised to the lowest hair of that place instead (`lowest_hair.py`), so that front, sides, back and top may differ. It is
+never lowered, because hair may cover the skin everywhere.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -18,16 +20,14 @@ from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
-from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.views import Part, Views
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
-from neural_strands.preparation.face.topology import NAMED
 from neural_strands.preparation.head.fit import FittedHead
+from neural_strands.preparation.head.lift import SkullLift, upwards
+from neural_strands.preparation.head.lowest_hair import lowest_hair
 
-BROWS, CROWN = 5.0, 55.0
-"""Elevations, seen from the middle of the head at the height of the brows, between which the lift sets in, degrees."""
 UPPER = 0.5
 """Hair counts if the skull below it is raised by at least this share."""
 TOUCHING = 0.01
@@ -64,42 +64,32 @@ def raise_skull(fitted: FittedHead, views: Views, say: Callable[[str], None]) ->
         segments = reconstruct(chosen, fitted.head.mesh, settings, random, track=_shown)
     except InputError as error:
         say(f"The skull keeps the template's height, because its hair could not be measured: {error}")
-        return _with_lift(fitted, 0.0)
-    height = skull_lift(fitted, segments.points[segments.confidence >= SURE])
-    if height > 0:
-        say(f"The skull was raised by {1000 * height:.1f} mm, to the lowest hair above it.")
-    return _with_lift(fitted, height)
+        return _with_lift(fitted, SkullLift(0.0, torch.zeros(0, 3), torch.zeros(0)))
+    lift = skull_lift(fitted, segments.points[segments.confidence >= SURE], chosen.cameras)
+    raised = _with_lift(fitted, lift)
+    if not lift.is_none:
+        say(f"The skull was raised by {raised.figures['skull_raised_mm']:.1f} mm, to the lowest hair above it.")
+    return raised
 
 
-def skull_lift(fitted: FittedHead, points: Float[Tensor, "point 3"]) -> float:
-    """Height by which the skull must be raised to touch the lowest hair above it, metres, at most `MOST`.
+def skull_lift(fitted: FittedHead, points: Float[Tensor, "point 3"], cameras: Sequence[Camera]) -> SkullLift:
+    """Heights by which the skull must be raised to touch the lowest hair above it, at most `MOST`.
 
     Args:
         fitted: a head placed on the person.
         points: points of its hair, world metres; a small share may be wrong.
+        cameras: cameras of the views that show them.
     """
     mesh = fitted.head.mesh
-    index = MeshIndex(mesh, winding_number=True)
-    closest, sign = index.closest_signed(points)
+    closest, sign = MeshIndex(mesh, winding_number=True).closest_signed(points)
     share, _ = upwards(fitted, closest.position)
     over = (share > UPPER) & torch.isin(closest.face, fitted.head.scalp_faces)
     if int(over.sum()) < FEWEST:
-        return 0.0
+        return SkullLift(0.0, torch.zeros(0, 3), torch.zeros(0))
     height = (sign * closest.distance / share)[over].sort().values
-    return min(max(float(height[int(TOUCHING * len(height))]), 0.0), MOST)
-
-
-def upwards(
-    fitted: FittedHead, points: Float[Tensor, "point 3"]
-) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"]]:
-    """Share of the lift at points of the skull, and the unit direction in which they are raised; NaN for NaN."""
-    brows = fitted.landmarks[[NAMED["right_brow_inner"], NAMED["left_brow_inner"]], 1].nanmean()
-    vertices = fitted.head.mesh.vertices
-    above = vertices[vertices[:, 1] > brows]
-    middle = torch.stack([above[:, 0].mean(), brows, above[:, 2].mean()])
-    outward = torch.nn.functional.normalize(points - middle, dim=1)
-    elevation = torch.rad2deg(outward[:, 1].clamp(-1, 1).asin())
-    return smoothstep((elevation - BROWS) / (CROWN - BROWS)), outward
+    everywhere = min(max(float(height[int(TOUCHING * len(height))]), 0.0), MOST)
+    places, heights = lowest_hair(fitted, points, cameras)
+    return SkullLift(everywhere, places, heights.clamp(0.0, MOST))
 
 
 def over_skull(views: Views, fitted: FittedHead) -> Views:
@@ -129,18 +119,12 @@ def _seen_hull(camera: Camera, points: Float[Tensor, "point 3"]) -> Bool[Tensor,
     return torch.from_numpy(inside > 0)
 
 
-def _with_lift(fitted: FittedHead, height: float) -> FittedHead:
-    """The head with its skull raised."""
-    figures = {**fitted.figures, "skull_raised_mm": round(1000 * height, 1)}
-    mesh = fitted.head.mesh
-    vertices, landmarks = (_raised(fitted, points, height) for points in (mesh.vertices, fitted.landmarks))
-    head = replace(fitted.head, mesh=replace(mesh, vertices=vertices))
-    return replace(fitted, head=head, landmarks=landmarks, figures=figures)
-
-
-def _raised(fitted: FittedHead, points: Float[Tensor, "point 3"], height: float) -> Float[Tensor, "point 3"]:
-    share, outward = upwards(fitted, points)
-    return points + height * share[:, None] * outward
+def _with_lift(fitted: FittedHead, lift: SkullLift) -> FittedHead:
+    """The head with its skull raised, and the mean lift of the upper skull among its figures."""
+    vertices = fitted.head.scalp_mesh.corners().mean(dim=1)
+    share, _ = upwards(fitted, vertices)
+    mean = float(lift.at(fitted, vertices[share > UPPER]).mean())
+    return replace(lift.applied(fitted), figures={**fitted.figures, "skull_raised_mm": round(1000 * mean, 1)})
 
 
 def _selected(views: Views, indices: range) -> Views:
