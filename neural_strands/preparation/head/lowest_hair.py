@@ -1,8 +1,9 @@
 """Heights of the lowest hair above the skull, at places where photographs look down on the skin between the hairs.
 
 Hair that lets the skin be seen has its lowest segments on the skin: their heights pile up at one value. Where hair
-hides the skin, the lowest heights are spread out, because segments lie wherever a gap ends. Views that graze the skull
-see only the outermost hair, whose heights pile up too, so a place counts only if several views look down on it.
+hides the skin, the lowest heights are mostly spread out, because segments lie wherever a gap ends, or far above the
+skull. Views that graze the skull see only the outermost hair, whose heights pile up too, so a place counts only if
+several views look down on it.
 """
 
 import math
@@ -27,10 +28,10 @@ FEWEST = 300
 STEEP, FEWEST_VIEWS = 45.0, 3
 """Largest angle to the skull's normal at which a view looks down on it, degrees, and fewest such views of a place."""
 LOWEST, LOW, PILED = 0.01, 0.1, 0.004
-"""Two low quantiles of the heights, and their largest difference, metres, if hair lies on the skin: 1 to 3 mm where
-true heads show through hair, mostly 5 mm and more where it hides them."""
+"""Two low quantiles of the heights, and their largest difference, metres, if hair lies on the skin: 1 to 4 mm where
+true heads show through hair, mostly more where it hides them."""
 SKIN = 0.05
-"""Quantile of the heights that lies on the skin, on true heads within half a millimetre."""
+"""Quantile of the heights that lies on the skin."""
 HIGHEST = 0.020
 """Heights above this are those of hair that stands off the head, metres."""
 
