@@ -45,7 +45,7 @@ def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.Mon
     black = MELANIN["black"]
     truth = make_groom(template.head, STYLES["short"], black, STRANDS, torch.Generator().manual_seed(0))
     # Black hair absorbs the light of longer paths, which would change the mean by a thousandth.
-    tracing = TracingConfig(samples=8, mask_samples=4, depth=4, roulette=4, passes=2, melanin=black)
+    tracing = TracingConfig(samples=8, mask_samples=4, depth=4, passes=2, melanin=black)
     tracer = PathTracer(template.head, truth, tracing, torch.Generator().manual_seed(0))
     random = np.random.default_rng(0)
     papers = [wallpaper(random) for _ in range(6)]

@@ -49,9 +49,6 @@ class TracingConfig:
     """Rays per pixel for the coverage of hair."""
     depth: int = 12
     """Longest path (bounces + 1)."""
-    roulette: int = 5
-    """Length from which paths that carry little light end at random. The mean stays the same; a greater length gives
-    less noise but takes more time."""
     pigments: int = 12
     """Groups of strands with similar melanin; each group shares one material."""
     passes: int = 4
@@ -86,11 +83,8 @@ class PathTracer:
         Raises:
             InputError: Mitsuba is not installed, or a quality setting is out of range.
         """
-        counts = (config.samples, config.mask_samples, config.depth, config.roulette, config.pigments, config.passes)
-        if min(counts) < 1:
-            raise InputError(
-                "samples, mask_samples, depth, roulette, pigments and passes: expected at least 1 of each."
-            )
+        if min(config.samples, config.mask_samples, config.depth, config.pigments, config.passes) < 1:
+            raise InputError("samples, mask_samples, depth, pigments and passes: expected at least 1 of each.")
         self._mi = load_mitsuba()
         self._config = config
         if middle is None:
@@ -160,7 +154,7 @@ class PathTracer:
         """The scene for pictures."""
         scene: dict[str, Any] = {
             "type": "scene",
-            "integrator": {"type": "path", "max_depth": self._config.depth, "rr_depth": self._config.roulette},
+            "integrator": {"type": "path", "max_depth": self._config.depth, "rr_depth": 5},
             "surround": {"type": "envmap", "bitmap": backdrop},
             "head": {
                 "type": "ply",
