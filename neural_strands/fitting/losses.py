@@ -160,7 +160,7 @@ def _mean_misfit(
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
     """Mean over pairs of distance and direction error; zero, with zero gradient, if there is no pair."""
-    # Other kinds of indexing add gradients up in an order that differs from run to run.
+    # With `points[index]`, threads would sum gradients in an order that differs from run to run.
     points, directions = points.index_select(0, index), directions.index_select(0, index)
     if len(index) == 0:
         return points.sum() + directions.sum()

@@ -53,13 +53,18 @@ def _silent_stderr() -> Iterator[None]:
         os.close(nowhere)
 
 
+def is_traced(tensor: Tensor) -> bool:
+    """Whether torch only traces the work on a tensor, which then may have no values."""
+    return isinstance(tensor, FakeTensor) or torch.compiler.is_compiling()
+
+
 def array(tensor: Tensor, dtype: Any = None) -> Any:
     """View a tensor as a Warp array without a copy (made contiguous first); no gradient passes through.
 
     While torch traces, it stays a tensor until the operator runs.
     """
     flat = tensor.detach().contiguous()
-    if isinstance(flat, FakeTensor) or torch.compiler.is_compiling():
+    if is_traced(flat):
         return flat
     start_warp()
     return wp.from_torch(flat, dtype=dtype, requires_grad=False)

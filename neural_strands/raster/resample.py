@@ -12,7 +12,6 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch._subclasses.fake_tensor import FakeTensor
 from torch.nn import functional as F
 
 from neural_strands.foundation import kernels as launches
@@ -79,12 +78,11 @@ def filtered_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel:
 
 def _is_fused(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> bool:
     """Whether one kernel does the whole activation: on the CPU, without gradients, for suitable sizes."""
-    if images.device.type != "cpu" or images.dtype != torch.float32 or torch.compiler.is_compiling():
+    if images.device.type != "cpu" or images.dtype != torch.float32 or launches.is_traced(images):
         return False
-    if torch.is_grad_enabled() and (images.requires_grad or bias.requires_grad):
+    if torch.is_autocast_enabled("cpu") or (torch.is_grad_enabled() and (images.requires_grad or bias.requires_grad)):
         return False
-    plain = not isinstance(images, FakeTensor) and not torch.is_autocast_enabled("cpu")
-    return plain and images.shape[1] % CHANNELS == 0 and len(kernel) == TAPS and images.numel() > 0
+    return images.shape[1] % CHANNELS == 0 and len(kernel) == TAPS and images.numel() > 0
 
 
 def _fused_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> Images:

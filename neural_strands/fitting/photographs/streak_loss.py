@@ -102,7 +102,7 @@ def streak_loss(
         place = torch.where(segment >= 0, row[segment.clamp(min=0) // (strands.shape[1] - 1)], -1)
         kept = torch.nonzero(place >= 0).squeeze(1)
         start = place[kept] * strands.shape[1] + segment[kept] % (strands.shape[1] - 1)
-        # Other kinds of indexing add gradients up in an order that differs from run to run.
+        # With `strands[place, point]`, threads would sum gradients in an order that differs from run to run.
         ends = strands.reshape(-1, 3).index_select(0, torch.cat([start, start + 1])).view(2, -1, 3)
         misfit = _weighted_sine(ends[0], ends[1], streaks, drawn[kept])
         total, pairs = total + misfit.sum(), pairs + len(kept)

@@ -13,13 +13,22 @@ import warp as wp
 from neural_strands.raster.keys import NO_PRIMITIVE
 
 _NO_PRIMITIVE = wp.constant(NO_PRIMITIVE)
+NOT_DRAWN = wp.constant(0x7FFFFFFF)
+"""Depth bits greater than those of any depth; a key with these replaces no other."""
 
 
 @wp.func
 @no_type_check
 def make_key(depth: float, index: int) -> wp.int64:
     """Join a depth (metres, at least 0) and a primitive's index."""
-    return (wp.int64(wp.cast(depth, wp.int32)) << wp.int64(32)) | wp.int64(index)
+    return key_of_bits(wp.cast(depth, wp.int32), index)
+
+
+@wp.func
+@no_type_check
+def key_of_bits(depth: int, index: int) -> wp.int64:
+    """Join the bits of a depth and a primitive's index."""
+    return (wp.int64(depth) << wp.int64(32)) | wp.int64(index)
 
 
 @wp.func

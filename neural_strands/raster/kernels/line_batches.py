@@ -15,14 +15,13 @@ from typing import no_type_check
 
 import warp as wp
 
+from neural_strands.raster.kernels.keys import NOT_DRAWN, key_of_bits
 from neural_strands.raster.kernels.lines import LONGEST, depth_at, draw_in_front, draw_segment, to_screen, transform
 
 BATCH = wp.constant(64)
 """Segments per batch."""
 ENDS = wp.constant(65)
 """Points per batch."""
-NOT_DRAWN = wp.constant(0x7FFFFFFF)
-"""Depth bits greater than those of any depth; a key with these replaces no other."""
 
 
 @wp.kernel(enable_backward=False)
@@ -111,7 +110,7 @@ def draw_strands(
             k += 1
         k = wp.int32(0)
         while k < whole:
-            wp.atomic_min(keys, pixels[k], (wp.int64(depths[k]) << wp.int64(32)) | wp.int64(index + k))
+            wp.atomic_min(keys, pixels[k], key_of_bits(depths[k], index + k))
             if longer[k] > 0:
                 a = wp.vec3(x[k], y[k], z[k])
                 b = wp.vec3(x[k + 1], y[k + 1], z[k + 1])

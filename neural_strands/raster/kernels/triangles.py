@@ -11,8 +11,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from neural_strands.raster.kernels.keys import key_depth, key_index, make_key
-from neural_strands.raster.kernels.line_batches import NOT_DRAWN
+from neural_strands.raster.kernels.keys import NOT_DRAWN, key_depth, key_index, key_of_bits, make_key
 
 TOLERANCE = wp.constant(1.0e-6)
 """Barycentric distance outside a triangle up to which a pixel still counts, so that rounding leaves no cracks."""
@@ -164,8 +163,7 @@ def draw_triangles_in_lanes(
             k = wp.int32(0)
             while k < count:
                 if depths[k] < NOT_DRAWN:
-                    key = (wp.int64(depths[k]) << wp.int64(32)) | wp.int64(face)
-                    wp.atomic_min(keys, row * width + column + k, key)
+                    wp.atomic_min(keys, row * width + column + k, key_of_bits(depths[k], face))
                 k += 1
 
 
