@@ -3,6 +3,9 @@
 Each segment carries one unknown in [-1, 1]. Neighbouring segments on about the same line should have the same sign,
 segments that leave the scalp should point away from it, and otherwise hair should point downwards. Minimising the sum
 of squares is a sparse linear system: diffusion with soft anchors. Strokes are anchors that outweigh all others.
+
+Where stereo finds little, segments form many patches with gaps between them. A patch that lies level on the head says
+nothing about its own sign, so weaker ties reach to patches beside it, and those that hang decide for those that do not.
 """
 
 import math
@@ -12,7 +15,7 @@ from typing import Annotated
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from scipy.sparse import coo_matrix, diags
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import cg
 from scipy.spatial import KDTree
 from torch import Tensor
@@ -36,9 +39,17 @@ class GrowthConfig:
     """Largest number of neighbours of a point."""
     angle: Annotated[float, Between(0, 90)] = 35.0
     """Neighbours with a larger angle are ignored, degrees."""
+    far: Annotated[float, Between(0, 1000)] = 0.1
+    """Weight of far ties, which bridge gaps between patches of segments; the nearest neighbours have a weight of 1."""
+    far_reach: Annotated[float, Between(0.1, 10_000)] = 50.0
+    """Distance within which far ties are searched."""
+    far_neighbours: Annotated[int, Between(1, 1000)] = 24
+    """Largest number of far ties of a point."""
+    far_cell: Annotated[float, Between(0.1, 1000)] = 8.0
+    """Edge of the cubes of which only the most confident point has far ties, so that they lead out of a dense patch."""
     scalp_reach: Annotated[float, Between(1e-6, 10)] = 0.03
     """Distance from the head at which its pull falls to 1/e, as a share of the head's size."""
-    scalp: Annotated[float, Between(0, 1e6)] = 3e-4
+    scalp: Annotated[float, Between(0, 1e6)] = 1e-4
     """Weight of pointing away from the head; the tie between two segments has weight up to 1.
 
     This and `gravity` are so small that neighbours alone determine which segments point the same way; the two only
@@ -91,8 +102,10 @@ def orient_segments(
         weight += strength
     anchor = np.bincount(owner, weights=pull, minlength=count)
     anchored = np.bincount(owner, weights=weight, minlength=count)
-    first, second, coupling = _couplings(points, lines, owner, spacing, config)
-    ties = coo_matrix((coupling, (first, second)), shape=(count, count)).tocsr()
+    ties = _near_ties(points, lines, owner, spacing, config)
+    if config.far > 0:
+        confidence = segments.confidence.cpu().double().numpy()
+        ties = ties + _far_ties(points, lines, owner, confidence, spacing, config)
     ties = ties + ties.T
     diagonal = np.asarray(abs(ties).sum(axis=1)).ravel() + anchored + 1e-9
     # With such weak anchors the solver reaches its last iteration on large captures, but signs settle long before
@@ -145,19 +158,72 @@ def _near_stroke(
     return along[nearest], strength
 
 
-def _couplings(
+def _near_ties(
     points: np.ndarray, lines: np.ndarray, owner: np.ndarray, spacing: float, config: GrowthConfig
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of segments, and the weight of their having equal (positive) or opposite (negative) signs."""
+) -> csr_matrix:
+    """Ties of every second point to its nearest neighbours (see `_ties`)."""
+    chosen, every = np.arange(0, len(points), 2), np.arange(len(points))
     reach = config.reach * spacing
-    tree = KDTree(points)
-    chosen = np.arange(0, len(points), 2)
-    distance, index = tree.query(points[chosen], k=config.neighbours + 1, distance_upper_bound=reach, workers=-1)
-    first = np.repeat(chosen, config.neighbours + 1)
-    distance, second = distance.ravel(), index.ravel()
+    return _ties(owner, *_pairs(points, lines, owner, (chosen, every), reach, config.neighbours, config.angle))
+
+
+def _far_ties(
+    points: np.ndarray,
+    lines: np.ndarray,
+    owner: np.ndarray,
+    confidence: np.ndarray,
+    spacing: float,
+    config: GrowthConfig,
+) -> csr_matrix:
+    """Ties between the most confident points of cubes, for hair side by side (see `_ties`).
+
+    Hair farther along a line may come from the other side of a parting, where it grows the opposite way.
+    """
+    cubes = np.floor(points / (config.far_cell * spacing)).astype(np.int64)
+    order = np.argsort(-confidence, kind="stable")
+    _, most = np.unique(cubes[order], axis=0, return_index=True)
+    some, reach = order[most], config.far_reach * spacing
+    first, second, weight = _pairs(points, lines, owner, (some, some), reach, config.far_neighbours, config.angle)
+    towards = points[second] - points[first]
+    towards /= np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-12)
+    along = np.maximum((towards * lines[first]).sum(-1) ** 2, (towards * lines[second]).sum(-1) ** 2)
+    return _ties(owner, first, second, config.far * (1 - along) * weight)
+
+
+def _pairs(
+    points: np.ndarray,
+    lines: np.ndarray,
+    owner: np.ndarray,
+    between: tuple[np.ndarray, np.ndarray],
+    reach: float,
+    neighbours: int,
+    angle: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Neighbouring points of different segments on about the same line, and the weights of their ties.
+
+    Args:
+        points: of all segments.
+        lines: unit directions there.
+        owner: segment of each point.
+        between: indices of points, and of those among which their neighbours are searched.
+        reach: distance up to which they are searched.
+        neighbours: largest number of neighbours of a point.
+        angle: neighbours with a larger angle are ignored, degrees.
+    """
+    chosen, others = between
+    distance, index = KDTree(points[others]).query(
+        points[chosen], k=neighbours + 1, distance_upper_bound=reach, workers=-1
+    )
+    first, distance, index = np.repeat(chosen, neighbours + 1), distance.ravel(), index.ravel()
     found = np.isfinite(distance)
-    first, second, distance = first[found], second[found], distance[found]
+    first, second, distance = first[found], others[index[found]], distance[found]
     cosine = (lines[first] * lines[second]).sum(-1)
-    kept = (np.abs(cosine) > math.cos(math.radians(config.angle))) & (owner[first] != owner[second])
+    kept = (np.abs(cosine) > math.cos(math.radians(angle))) & (owner[first] != owner[second])
     weight = np.exp(-((distance[kept] / (0.5 * reach)) ** 2)) * cosine[kept]
-    return owner[first[kept]], owner[second[kept]], weight
+    return first[kept], second[kept], weight
+
+
+def _ties(owner: np.ndarray, first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> csr_matrix:
+    """Sums over pairs of points of the weight of their segments having equal (positive) or opposite signs."""
+    count = int(owner[-1]) + 1
+    return csr_matrix((weight, (owner[first], owner[second])), shape=(count, count))

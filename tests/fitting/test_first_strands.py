@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from parted_hair import parted_strands, patches
 from tiny_capture import RADIUS, cameras, combed_strands, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
@@ -18,6 +19,7 @@ from neural_strands.flow.tracing import TracedStrands, trace_hair
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import lengths
 from neural_strands.geometry.views import Views
+from neural_strands.lmvs.growth import GrowthConfig, flip_segments, orient_segments
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
@@ -98,6 +100,27 @@ def test_where_views_see_everything_nothing_is_guessed(head):
     strands = combed_strands(6000)
     found = first_strands(hair_views(strands, head), true_segments(strands), head)
     assert (found.unseen == 0).all()
+
+
+def test_a_fringe_of_which_little_is_found_lies_on_the_forehead(head: Head, generator: torch.Generator):
+    strands = parted_strands(6000)
+    found = patches(strands, apart=0.02, radius=0.005)
+    mixed = flip_segments(found, torch.rand(found.segment_count, generator=generator) < 0.5)
+    segments = orient_segments(mixed, head.mesh, head.scalp_faces, [], GrowthConfig())
+    traced = first_strands(hair_views(strands, head), segments, head).points
+    # Those that the chart grows beyond the true roots do not count.
+    rooted = torch.cdist(traced[:, 0], strands[:, 0]).amin(dim=1) < 0.004
+    x, _, z = traced[:, 0].unbind(dim=-1)
+    fringe = traced[rooted & (z > 0.03) & (x.abs() < 0.025)]
+    assert len(fringe) > 50
+    # It crosses the forehead to its end beside it, instead of standing up and leaving the hair.
+    assert lengths(fringe).median() > 0.7 * lengths(strands).median()
+    tip = fringe[:, -1].median(dim=0).values
+    assert tip[0] < -0.6 * RADIUS
+    assert tip[1] < 0.4 * RADIUS
+    assert fringe[:, -1].norm(dim=-1).median() < RADIUS + 0.01
+    _, (signed,) = matched_shares(sample_strands(fringe), sample_strands(strands), MATCH)
+    assert signed > 85
 
 
 def test_roots_keep_off_what_a_view_shows_bare(head):

@@ -2,6 +2,8 @@
 
 import torch
 import trimesh
+from parted_hair import parted_strands, patches
+from tiny_capture import RADIUS
 
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -55,6 +57,24 @@ def test_what_falls_tells_what_rises_even_without_a_head(generator: torch.Genera
     assert right(GrowthConfig()) > 0.99
     # If gravity outweighs neighbours, rising hair is reversed.
     assert right(GrowthConfig(gravity=0.5)) < 0.5
+
+
+def test_patches_that_hang_tell_level_ones_across_gaps(generator: torch.Generator):
+    # Gaps of a centimetre between patches; those on the top of the head lie level or climb, and sink towards the head.
+    truth = patches(parted_strands(1500), apart=0.02, radius=0.005)
+    flipped = torch.rand(truth.segment_count, generator=generator) < 0.5
+    head = sphere(RADIUS)
+    scalp = torch.nonzero(head.corners().mean(dim=1)[:, 1] > 0.02).squeeze(1)
+    top = truth.points[:, 1] > 0.9 * RADIUS
+    assert 3000 < top.sum() < 0.5 * len(truth)
+
+    def right(config: GrowthConfig) -> float:
+        found = orient_segments(flip_segments(truth, flipped), head, scalp, [], config)
+        return float(((found.directions * truth.directions).sum(-1) > 0)[top].float().mean())
+
+    assert right(GrowthConfig()) > 0.99
+    # Patches that are on their own follow the little they rise or sink.
+    assert right(GrowthConfig(far=0.0)) < 0.95
 
 
 def test_a_stroke_overrides_and_spreads(generator: torch.Generator):
