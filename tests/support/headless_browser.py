@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import cv2
 import numpy as np
@@ -34,6 +34,14 @@ FLAGS = [
 ]
 CANVAS_ALONE = "*:not(:has(canvas)):not(canvas) { visibility: hidden !important; }"
 """A style that hides what lies over the canvas: panels and notices."""
+KEEP_NOTICES = """
+window.notices = [];
+new MutationObserver(() => {
+  for (const { innerText } of document.querySelectorAll("[role=alert]"))
+    if (!window.notices.includes(innerText)) window.notices.push(innerText);
+}).observe(document, { childList: true, subtree: true, characterData: true });
+"""
+"""A script that remembers notices, because they vanish long before a wait ends in vain."""
 HARMLESS = "Unable to preventDefault inside passive event listener"
 """Chromium prints this about viser's drags, without consequences."""
 PATIENCE = 240.0
@@ -74,14 +82,28 @@ class Tab:
             if accepted(canvas):
                 return canvas
             self.page.wait_for_timeout(1000 * BETWEEN_LOOKS)
-        raise AssertionError(f"the page did not show what was expected within {PATIENCE} s")
+        raise AssertionError(f"the page did not show what was expected within {PATIENCE} s; {self.report()}")
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         """Wait until something is true, while the browser keeps running."""
         end = time.monotonic() + PATIENCE
         while not condition():
-            assert time.monotonic() < end, f"what was expected did not happen within {PATIENCE} s"
+            if time.monotonic() > end:
+                raise AssertionError(f"what was expected did not happen within {PATIENCE} s; {self.report()}")
             self.page.wait_for_timeout(1000 * BETWEEN_LOOKS)
+
+    def report(self) -> str:
+        """What the page says now, its notices so far, and what its console called errors: explains a wait in vain."""
+        text, notices = self.page.locator("body").inner_text(), self.page.evaluate("window.notices")
+        return f"the page says:\n{text}\nnotices so far: {notices}\nerrors: {self.errors}"
+
+    def wait_for_text(self, text: str, state: Literal["visible", "detached"] = "visible") -> None:
+        """Wait until the page says something, or no longer says it."""
+        try:
+            self.page.get_by_text(text).wait_for(state=state)
+        except Exception as error:
+            error.add_note(self.report())
+            raise
 
     def fill(self, label: str, value: str) -> None:
         """Type a value into the field that stands beside a label, or beside the slider there: it has no name itself."""
@@ -114,6 +136,7 @@ class Browser:
         """Open the page on a port of this machine."""
         page = self.chromium.new_page(viewport={"width": width, "height": height})
         tab = Tab(page)
+        page.add_init_script(KEEP_NOTICES)
         page.on("console", tab.hear)
         page.on("pageerror", lambda error: tab.errors.append(str(error)))
         page.set_default_timeout(1000 * PATIENCE)

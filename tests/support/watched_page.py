@@ -72,7 +72,7 @@ class Watched:
 
     def says(self, text):
         """Wait until the page says something."""
-        self.page.get_by_text(text).wait_for()
+        self.tab.wait_for_text(text)
 
     def cut(self, way, control, value):
         """Cut the hair in one of the ways of the panel."""
@@ -85,7 +85,7 @@ class Watched:
     def undo(self, listed):
         """Take the last edit back, which the list describes so."""
         self.page.get_by_text("Undo", exact=True).click()
-        self.page.get_by_text(listed).wait_for(state="detached")
+        self.tab.wait_for_text(listed, "detached")
 
     def pixel(self, point):
         """Where a place in the world lies in the window."""
