@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from neural_strands.foundation.errors import InputError, reason
+from neural_strands.viewer.waking import wake_in_loop
 
 if TYPE_CHECKING:
     import viser
@@ -54,6 +55,8 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
     connections.unregister_handler(_messages.ShareUrlDisconnect)
 
     async def admit(connection: "WebsockClientConnection") -> None:
+        wake_in_loop(connections._broadcast_buffer)
+        wake_in_loop(connection.get_message_buffer())
         live = connections._live_connections
         asking = live.get(connection.client_id)
         if asking is None or asking.request is None:

@@ -17,6 +17,7 @@ from websockets.typing import Subprotocol
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.viewer.server import LOOPBACK, MOST_BROWSERS, free_port, is_own_page, start_server, stop_server
+from neural_strands.viewer.waking import LoopEvent
 
 
 @pytest.fixture
@@ -76,6 +77,11 @@ def test_another_sites_page_is_sent_nothing(server):
     own = asyncio.run(first_message(port, f"http://{LOOPBACK}:{port}"))
     assert isinstance(own, bytes)
     assert asyncio.run(first_message(port, "http://evil.example")) == 1008
+
+
+def test_threads_leave_waking_to_the_event_loop(server):
+    asyncio.run(first_message(server.get_port(), None))
+    assert isinstance(server._websock_server._broadcast_buffer.message_event, LoopEvent)
 
 
 def test_no_more_browsers_than_allowed(server):
