@@ -13,6 +13,7 @@ import itertools
 import logging
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -29,11 +30,18 @@ Kernel = Any
 """A `wp.Kernel`, although Warp annotates its decorator as returning the plain function."""
 SMALLEST_SHARE = 1024
 """Smallest number of items per thread; fewer are not worth another thread."""
+_STARTING = threading.Lock()
+"""Held while Warp starts: threads that silence standard error at the same time could leave it silent."""
+
+
+def start_warp() -> None:
+    """Initialise Warp once and log only errors, because Warp logs to standard output, where results belong."""
+    with _STARTING:
+        _start_warp()
 
 
 @functools.cache
-def start_warp() -> None:
-    """Initialise Warp once and log only errors, because Warp logs to standard output, where results belong."""
+def _start_warp() -> None:
     wp.config.log_level = logging.ERROR
     with _silent_stderr() if not torch.cuda.is_available() else contextlib.nullcontext(), _writable_cache():
         wp.init()

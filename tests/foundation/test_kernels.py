@@ -4,11 +4,14 @@
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 import functools
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
 import warp as wp
 
+from neural_strands.foundation import kernels
 from neural_strands.foundation.kernels import SMALLEST_SHARE, array, launch, launch_split, on_torch_stream, run_together
 
 
@@ -88,3 +91,20 @@ def test_jobs_run_once_each_and_their_errors_arrive():
         with pytest.raises(ValueError, match="a job's own error"):
             run_together(jobs)
     assert ran.count(-1) == 2
+
+
+def test_threads_start_warp_one_after_the_other(monkeypatch):
+    # Each would otherwise silence standard error while another one restores it.
+    inside, most = [], []
+
+    @functools.cache
+    def slow_start():
+        inside.append(1)
+        most.append(len(inside))
+        time.sleep(0.05)
+        inside.pop()
+
+    monkeypatch.setattr(kernels, "_start_warp", slow_start)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: kernels.start_warp(), range(4)))
+    assert most == [1]
