@@ -26,7 +26,7 @@ SPREAD = (0.08, 0.15, 0.025, 0.02)
 height include posture."""
 SIDE = 256
 """Longer side at which outlines are compared, pixels."""
-ROUNDS, COARSE, FINE = 12, 0.06, 0.012
+ROUNDS, COARSE, FINE = 8, 0.06, 0.012
 """Rounds of the fit, and error of an outline in the first and in the last, metres."""
 VIEW_POINTS = 4.0
 """Number of independent points that the outline of a view counts as."""
@@ -103,7 +103,7 @@ class _Outline:
         row, column = torch.nonzero((own < 0) & (own > -1)).unbind(dim=1)
         face, weights = buffer.face[row, column], buffer.barycentric[row, column]
         height = interpolate(mesh.corners(), face, weights)[:, 1]
-        movement = torch.stack([interpolate(each[mesh.faces], face, weights) for each in moved], dim=1)
+        movement = torch.einsum("cpkx,pk->pcx", moved[:, mesh.faces[face]], weights)
         upward = _growth(own)[row, column] @ camera.rotation[:2, 1]
         # Beyond the border of the picture nothing is known.
         border = torch.stack([row, column, camera.height - 1 - row, camera.width - 1 - column]).amin(dim=0)

@@ -56,7 +56,7 @@ class Shoulders:
         )
 
 
-MEAN = Shoulders(neck=0.11, breadth=0.09, depth=0.42, rise=0.008)
+MEAN = Shoulders(neck=0.15, breadth=0.05, depth=0.38, rise=0.008)
 """What gives the mannequin the neck and the shoulders of a mean adult."""
 
 
