@@ -19,8 +19,11 @@ from neural_strands.preparation.head.template import Template, bust
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.mannequin import mannequin
 
-NECK, DELTOIDS, ACROMIA, BELOW_CROWN = 363.7, 480.4, 390.5, 304.5
-"""ANSUR II, halfway between the means of women and men, mm: circumference, two breadths, and the acromion's depth."""
+NECK, DELTOIDS, ACROMIA, BELOW_CROWN, CHEST = 363.7, 480.4, 390.5, 304.5, 250.6
+"""ANSUR II, halfway between the means of women and men, mm: circumference of the neck, breadths at the deltoids and
+between the acromia, the acromia's distance below the crown, and depth of the chest."""
+NIPPLES = -0.34
+"""Height of the nipples in the template's frame, metres, 46 cm below the crown: an estimate."""
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +47,13 @@ def test_breadths_are_the_published_means(template: Template):
     at_acromion = (mesh.vertices[:, 0].abs() - 0.0005 * ACROMIA).abs() < 0.004
     depth = mesh.vertices[:, 1].max() - mesh.vertices[at_acromion, 1].max()
     assert abs(1e3 * float(depth) - BELOW_CROWN) < 6
+
+
+def test_depth_grows_evenly_from_the_neck_to_the_chest(template: Template):
+    neck = np.ptp(section(template.head.mesh, -0.12)[:, 1])
+    for height in (-0.16, -0.20, -0.23, -0.26):
+        depth = np.ptp(section(template.head.mesh, height)[:, 1])
+        assert abs(depth - np.interp(height, [NIPPLES, -0.12], [CHEST, neck])) < 12
 
 
 def test_face_and_skull_stay(template: Template):

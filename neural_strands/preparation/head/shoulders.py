@@ -4,8 +4,8 @@ The means are those of the survey ANSUR II (C. C. Gordon et al., "2012 Anthropom
 Methods and Summary Statistics", Natick/TR-15/007, 2014; 1,986 women and 4,082 men), halfway between women and men: neck
 circumference 364 mm (330 and 398), breadth across the deltoids 480 mm (450 and 510), breadth between the acromia, the
 outer ends of the shoulder blades, 390 mm (365 and 416), which lie 304 mm (293 and 316) below the crown. Chest depth is
-251 mm (247 and 254), at the nipples. These lie below the bust, about 46 cm under the crown (an estimate); if depth
-grows evenly from the neck to there, it is 195 mm at the bust's lower end.
+251 mm (247 and 254) at the nipples, below the bust. With nipples 46 cm below the crown (an estimate), and a depth that
+grows evenly from the neck to there, the bust is 160 mm deep 32 cm below the crown and 198 mm at its lower end.
 """
 
 from dataclasses import astuple, dataclass
@@ -19,8 +19,10 @@ from neural_strands.foundation.smoothstep import smoothstep
 GAP, TILT = 0.004, 0.2
 """Depth below the chin, metres, of the plane below which points move, and its rise towards the back, with which it
 passes below jaw and ears."""
-NECK, BUST, CHEST = 0.035, 0.10, 0.18
-"""Depths below this plane at which the changes of the neck, of the shoulders and of the chest are complete, metres."""
+NECK, BUST = 0.035, 0.10
+"""Depths below this plane at which the changes of the neck and of the shoulders are complete, metres."""
+COLLAR, CHEST = 0.06, 0.20
+"""Depths at which the change of the chest's depth begins and is complete, metres."""
 LOWER = 0.20
 """Depth at which the bust does not rise with the shoulders, metres."""
 ROOT, TIP = 0.04, 0.15
@@ -56,7 +58,7 @@ class Shoulders:
         )
 
 
-MEAN = Shoulders(neck=0.15, breadth=0.05, depth=0.38, rise=0.008)
+MEAN = Shoulders(neck=0.15, breadth=0.05, depth=0.44, rise=0.008)
 """What gives the mannequin the neck and the shoulders of a mean adult."""
 
 
@@ -77,7 +79,8 @@ def movements(points: Float[Tensor, "point 3"], chin: Float[Tensor, "3"]) -> Flo
     """Movement of points per unit of each change in `Shoulders`, in this order."""
     x, y, z = (points - chin).unbind(dim=1)
     below = -GAP - y - TILT * z
-    neck, bust, chest = (smoothstep(below / depth) for depth in (NECK, BUST, CHEST))
+    neck, bust = smoothstep(below / NECK), smoothstep(below / BUST)
+    chest = smoothstep((below - COLLAR) / (CHEST - COLLAR))
     rise = neck * smoothstep((x.abs() - ROOT) / (TIP - ROOT)) * (1.0 - smoothstep((below - BUST) / (LOWER - BUST)))
     back, none = z + AXIS, torch.zeros_like(x)
     moved = (
