@@ -107,7 +107,7 @@ def outlines(
 ) -> tuple[list[Camera], list[np.ndarray]]:
     """Views from all around, 20 degrees from above, and the silhouettes of meshes in them."""
     cameras, silhouettes = [], []
-    for turn in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+    for turn in np.linspace(0, 2 * np.pi, 12, endpoint=False):
         eye = torch.tensor([np.sin(turn), target_height + 0.36, np.cos(turn)], dtype=torch.float32)
         cameras.append(Camera.look_at(eye, torch.tensor([0.0, target_height, 0.0]), focal, (256, 256)))
         drawn = [rasterise_triangles(mesh.vertices, mesh.faces, cameras[-1]).face >= 0 for mesh in shown]
