@@ -7,7 +7,7 @@ model         COLMAP's model (not with given cameras)
 cameras       undistorted pictures and their cameras
 face          faces in each picture, and masks of the person
 template      the template's landmarks
-head          scale, frame, and the head in them
+head          scale, frame, and the head in them, fitted to landmarks and outlines
 masks         hair
 skull         the head, raised to the hair if it lies too low
 """
@@ -72,7 +72,7 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 2, "masks": 3, "template": 2, "skull": 2}
+VERSIONS = {"photographs": 2, "template": 3, "head": 2, "masks": 3, "skull": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 

@@ -1,8 +1,9 @@
-"""The built-in template: the mannequin with the skull of a mean adult, and the landmarks that a face detector found.
+"""The built-in template: the mannequin as a mean adult, and the landmarks that a face detector found.
 
 The mannequin's skull is 206 mm long and 151 mm broad, and its forehead recedes by 19 degrees. The published means of
 adult men are 197 and 154 mm; for the forehead, 10 degrees are an estimate. Hair grows there, and no photograph shows
-the skull under it, so the template needs the mean shape.
+the skull under it, so the template needs the mean shape. The mannequin's neck and shoulders are those of a wig stand;
+the template's are a mean adult's (`shoulders.py`), because long hair lies in front of them and behind them.
 
 The mannequin's face is too plain for a detector, so eyes, brows, nostrils and lips are painted on it first. The
 landmarks are shipped with the package; `detect_builtin` detects them again after the mannequin's shape has changed.
@@ -19,6 +20,8 @@ from torch import Tensor
 
 from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.preparation.face.detector import Detector
+from neural_strands.preparation.face.topology import NAMED
+from neural_strands.preparation.head.shoulders import MEAN, with_shoulders
 from neural_strands.preparation.head.template import SKIN, Template, bust, find_landmarks
 from neural_strands.scalp.mannequin import mannequin
 
@@ -54,12 +57,12 @@ STORED = Path(__file__).with_name("landmarks.npz")
 
 
 def builtin_template() -> Template:
-    """The mannequin with a mean adult's skull, and its landmarks."""
+    """The mannequin with a mean adult's skull, neck and shoulders, and its landmarks."""
     with np.load(STORED, allow_pickle=False) as stored:
-        landmarks, spread = torch.from_numpy(stored["landmarks"]), torch.from_numpy(stored["spread"])
+        landmarks, spread = with_mean_skull(torch.from_numpy(stored["landmarks"])), torch.from_numpy(stored["spread"])
     head = bust(mannequin())
-    mesh = replace(head.mesh, vertices=with_mean_skull(head.mesh.vertices))
-    return Template(replace(head, mesh=mesh), with_mean_skull(landmarks), spread)
+    vertices = with_shoulders(with_mean_skull(head.mesh.vertices), landmarks[NAMED["chin"]], MEAN)
+    return Template(replace(head, mesh=replace(head.mesh, vertices=vertices)), landmarks, spread)
 
 
 def with_mean_skull(points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:

@@ -29,6 +29,7 @@ from neural_strands.preparation.face.triangulate import TriangulatedFace, triang
 from neural_strands.preparation.head.deform import Evidence, deform
 from neural_strands.preparation.head.files import head_arrays, head_of, read_head_arrays
 from neural_strands.preparation.head.place import cameras_in_world, place, world_frame
+from neural_strands.preparation.head.shoulder_fit import fit_shoulders
 from neural_strands.preparation.head.template import Template, near_landmarks, rescaled
 from neural_strands.preparation.photographs.folder import read_picture
 from neural_strands.preparation.stage import ADVICE
@@ -148,7 +149,10 @@ def fit_head(
     residual = placement.residual * scale.metres_per_unit * placement.fit.scale
     say(f"The head fits {placement.landmarks} landmarks to {1000 * residual:.1f} mm in the median.")
     if outlines is not None:
-        placed = deform(placed, _evidence(calibration, face, frame, placed, outlines))
+        evidence = _evidence(calibration, face, frame, placed, outlines)
+        placed, change = fit_shoulders(placed, evidence.cameras, evidence.outlines)
+        say(change.sentence())
+        placed = deform(placed, evidence)
         residual = _residual(placed, frame, face)
         say(f"Deformed to the person: {1000 * residual:.1f} mm from the landmarks in the median.")
     figures = {
