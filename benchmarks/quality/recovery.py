@@ -2,8 +2,10 @@
 
     python benchmarks/quality/recovery.py --capture ../shared/data/captures/sintel_bob
 
-True strands are displaced, similarly for neighbours, or shortened. The appearance is learned on the disturbed strands;
-then only the rendering and alpha losses update the shape, without segments or any term that holds strands in place.
+True strands are displaced, similarly for neighbours, or shortened. The appearance is learned on the disturbed strands,
+as in a fit, or with `--learned-on true` on the true ones, which shows the most that images can correct; then only the
+rendering and alpha losses (and streaks, with `--streaks WEIGHT`) update the shape, without segments or any term that
+holds strands in place.
 Reported for points visible in photographs: the mean distance, across the strand, from the same point of the true
 strand, before and after; for all strands: F at 1 and 2 mm and the share of the true length. Prints one JSON object per
 case.
@@ -15,6 +17,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import torch
 import tyro
@@ -64,6 +67,8 @@ class Arguments:
     """Root mean square of the displacements, metres, one case each."""
     cut: tuple[float, ...] = (0.1,)
     """Shares of their length that strands lose, one case each."""
+    learned_on: Literal["disturbed", "true"] = "disturbed"
+    """Strands on which the appearance is learned."""
     appearance_steps: int = 600
     """Steps that teach the appearance."""
     shape_steps: int = 600
@@ -72,6 +77,8 @@ class Arguments:
     """Factor on the image gradients that reach the shape texture; fits use 0.05."""
     rate: float = 1e-3
     """Adam's rate for the shape texture; fits use 4e-3."""
+    streaks: float = 0.0
+    """Weight of the comparison with the photographs' streaks; fits use 60."""
     crop: int = 160
     """Side of a region, pixels."""
     seed: int = 0
@@ -99,7 +106,13 @@ def shortened(points: Points, share: float) -> Points:
 
 def stage(arguments: Arguments, moves: bool) -> FitConfig:
     """A fit in which images teach the appearance and, if `moves`, the shape: nothing else does."""
-    weights = FitWeights(geometry=0.0, head=0.0, first=0.0, shape_from_image=arguments.factor if moves else 0.0)
+    weights = FitWeights(
+        geometry=0.0,
+        head=0.0,
+        first=0.0,
+        streaks=arguments.streaks,
+        shape_from_image=arguments.factor if moves else 0.0,
+    )
     textures = ScalpTextureConfig(shape_size=512, appearance_knots=4)
     config = FitConfig(
         steps=arguments.shape_steps + 1 if moves else arguments.appearance_steps,
@@ -161,10 +174,14 @@ def main(arguments: Arguments) -> None:
         began = time.process_time()
         first = stage(arguments, False)
         model = HairModel(first.model, roots, prior.generator, head.mesh, torch.Generator().manual_seed(arguments.seed))
-        latents = prior.encode(to_local(disturb(true), roots.position, roots.frame))
-        model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, 512))
+        disturbed, undisturbed = (
+            texture_from_latents(roots.uv, prior.encode(to_local(points, roots.position, roots.frame)), 512)
+            for points in (disturb(true), true)
+        )
+        model.textures.shape.data.copy_(disturbed if arguments.learned_on == "disturbed" else undisturbed)
         seen = seen_points(model, true, data.views.cameras)
         fit(start_fit(model, first), data, first)
+        model.textures.shape.data.copy_(disturbed)
         before = figures(model, true, seen, data)
         then = stage(arguments, True)
         state = start_fit(model, then)
@@ -174,6 +191,7 @@ def main(arguments: Arguments) -> None:
             "capture": capture.folder.name,
             "case": kind,
             "size": size,
+            "learned_on": arguments.learned_on,
             "strands": len(true),
             "before": before,
             "after": figures(model, true, seen, data),
