@@ -8,9 +8,10 @@ OUT/ablations.png: the strands of each variant and its rendering of a held-out v
 
 Shape: "full"; "no coarse-to-fine, no root-to-tip"; "geometry alone" (images train the appearance, not the strands);
 "positions" (a generator whose output is positions, not gradients: FILE is what `neural-strands train-prior FILE
---config.generator.synthesiser.output position` wrote). Images: "strided UNet"; "no alpha loss". These begin from
-strands traced through the segments, which leaves little to the order in which shape is freed; so the paper's start, its
-mean strand at every root, is run with its coarse-to-fine and root-to-tip schedule and without.
+--config.generator.synthesiser.output position` wrote). Images: "random networks" (a start without what the shipped
+ones have learned); "strided UNet", which starts from random weights, too; "no alpha loss". These begin from strands
+traced through the segments, which leaves little to the order in which shape is freed; so the paper's start, its mean
+strand at every root, is run with its coarse-to-fine and root-to-tip schedule and without.
 """
 
 import json
@@ -72,7 +73,8 @@ def variants(base: FitConfig, positions: Path | None) -> dict[str, Variant]:
         "no coarse-to-fine, no root-to-tip": Variant(replace(base, schedule=free)),
         "geometry alone": Variant(replace(base, weights=replace(base.weights, shape_from_image=0.0))),
         "positions": Variant(base, positions),
-        "strided UNet": Variant(replace(base, model=strided)),
+        "random networks": Variant(replace(base, networks="random")),
+        "strided UNet": Variant(replace(base, model=strided, networks="random")),
         "no alpha loss": Variant(replace(base, weights=replace(base.weights, alpha=0.0))),
         "mean start": Variant(mean),
         "mean start, no coarse-to-fine, no root-to-tip": Variant(replace(mean, schedule=at_once)),

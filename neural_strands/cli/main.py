@@ -52,6 +52,7 @@ COMMANDS = {
     "lmvs": Entry("lmvs:Lmvs", "run line-based multi-view stereo alone"),
     "synthesize": Entry("synthesize:Synthesize", "render a capture with true strands"),
     "train-prior": Entry("prior.train:TrainPrior", "train the strand prior"),
+    "train-networks": Entry("train_networks:TrainNetworks", "train the networks from which fits start"),
     "prior-report": Entry("prior.report:PriorReport", "measure how well the prior reproduces a groom"),
     "prior-traverse": Entry("prior.traverse:PriorTraverse", "draw the prior's latent space"),
 }

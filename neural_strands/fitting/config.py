@@ -111,6 +111,9 @@ class FitConfig:
     """Grow or shrink the hair masks if the photographs show that the hair ends elsewhere."""
     initialise: Literal["flow", "mean"] = "flow"
     """Initial strands: traced through the flow of the segments, or the prior's mean strand everywhere (the paper)."""
+    networks: Literal["learned", "random"] = "learned"
+    """Initial weights of the image generator and the point shader: learned from synthetic hair, where the package has
+    some of the right sizes, or random (the paper)."""
     clearance: Annotated[float, Between(0, 1)] = 0.001
     """Distance that strands keep from the head, metres."""
     seed: Annotated[int, Between(0, 2**32 - 1)] = 0
@@ -121,7 +124,7 @@ class FitConfig:
     """Learning rates."""
     schedule: ScheduleConfig = field(
         default_factory=lambda: ScheduleConfig(
-            widest_blur=2.0, release_until=0.0, geometry_only=0.1, perceptual_from=0.6, final_rate=0.02
+            widest_blur=2.0, release_until=0.0, geometry_only=0.1, perceptual_from=0.25, final_rate=0.02
         )
     )
     """Coarse to fine, root to tip, and the start of image losses. Traced initial strands need little of these."""

@@ -12,6 +12,7 @@ from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.geometry.frames import to_local
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.networks import Networks, shipped_networks, start_networks
 from neural_strands.model.seen_directions import seen_from
 from neural_strands.prior.vae import StrandPrior, load_prior
 
@@ -27,7 +28,11 @@ def fit_prior(path: Path | None, device: torch.device) -> StrandPrior:
 
 
 def first_model(
-    data: FitData, prior: StrandPrior, config: FitConfig, say: Callable[[str], None] = lambda _: None
+    data: FitData,
+    prior: StrandPrior,
+    config: FitConfig,
+    say: Callable[[str], None] = lambda _: None,
+    networks: Networks | None = None,
 ) -> HairModel:
     """Build the model with its roots and, if configured, initial strands traced through the flow of the segments.
 
@@ -36,11 +41,16 @@ def first_model(
         prior: encodes the initial strands.
         config: settings of the fit.
         say: tells the user what was found out about the hair.
+        networks: weights from which the networks start, instead of those that `config.networks` says.
     """
     device = data.segments.points.device
     random = torch.Generator().manual_seed(config.seed)
     roots = hair_roots(data.head, config.strands, data.views, config.initial.hull, random)
     model = HairModel(config.model, roots, prior.generator, data.head.to("cpu").mesh, random).to(device)
+    if networks is None and config.networks == "learned":
+        networks = shipped_networks(config.model)
+    if networks is not None:
+        start_networks(model, networks)
     places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
     model.seen_from = seen_from(places, model.background.centre.cpu())
     if config.initialise == "flow":
@@ -53,7 +63,11 @@ def first_model(
 
 
 def begin(
-    data: FitData, prior: StrandPrior, config: FitConfig, say: Callable[[str], None] = lambda _: None
+    data: FitData,
+    prior: StrandPrior,
+    config: FitConfig,
+    say: Callable[[str], None] = lambda _: None,
+    networks: Networks | None = None,
 ) -> FitState:
     """Start a fit at step 0; see `first_model`."""
-    return start_fit(first_model(data, prior, config, say), config)
+    return start_fit(first_model(data, prior, config, say, networks), config)

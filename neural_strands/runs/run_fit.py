@@ -25,6 +25,7 @@ from neural_strands.foundation.files import sole_writer
 from neural_strands.foundation.progress import Feedback
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
+from neural_strands.model.networks import Networks, read_networks
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.runs.forecast import forecast, steps_for
 from neural_strands.runs.outputs import write_outputs, write_preview
@@ -59,6 +60,7 @@ class FitRequest:
         resume: continue the run in `out`.
         minutes: take as many steps as fit into this many minutes, if set.
         prior: weights of a strand prior, instead of those that come with the package.
+        networks: weights from which the networks start, instead of those that come with the package.
     """
 
     capture: Path
@@ -68,6 +70,7 @@ class FitRequest:
     resume: bool = False
     minutes: float | None = None
     prior: Path | None = None
+    networks: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class PreparedRun:
         head: mesh and scalp chart.
         distance: signed distance to the head; None for a run to resume, which samples it only once.
         prior: strand prior.
+        networks: given weights from which the networks start, if any.
         perceptual: perceptual distance.
         resuming: whether the folder already contains this run.
         device: where to compute.
@@ -93,6 +97,7 @@ class PreparedRun:
     head: Head
     distance: SignedDistanceGrid | None
     prior: StrandPrior
+    networks: Networks | None
     perceptual: Perceptual
     resuming: bool
     device: torch.device
@@ -138,7 +143,8 @@ def prepare_run(
     """Check a new run or the one to resume, and report its expected cost; nothing is written.
 
     Raises:
-        InputError: the capture, the head or the segments cannot be fitted, or the folder contains another run.
+        InputError: the capture, the head or the segments cannot be fitted, the prior or the networks cannot be used, or
+            the folder contains another run.
     """
     folder = RunFolder(request.out)
     if request.out.resolve() == request.capture.resolve():
@@ -162,6 +168,7 @@ def prepare_run(
         source = load_segments_source(request.segments)
         if warning := check_source(request.segments, source, capture, config.hold_out_every):
             feedback.say(warning)
+    networks = None if request.networks is None else read_networks(request.networks, config.model)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
     distance = None if resuming else head_distance_grid(head.mesh.to(device))
     if distance is not None:
@@ -182,7 +189,9 @@ def prepare_run(
     )
     if resuming:
         check_same(folder, described)
-    return PreparedRun(folder, described, capture, head, distance, prior, perceptual, resuming, device, workers)
+    return PreparedRun(
+        folder, described, capture, head, distance, prior, networks, perceptual, resuming, device, workers
+    )
 
 
 def check_begun(run: PreparedRun) -> None:
@@ -237,7 +246,10 @@ def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
     tracing = config.initialise == "flow" and not resuming
     feedback.say(f"{len(data.segments)} segment points{'; tracing first strands' if tracing else ''}")
     # The checkpoint has everything except the roots, which are drawn again from the seed.
-    state = begin(data, run.prior, replace(config, initialise="mean") if resuming else config, feedback.say)
+    if resuming:
+        state = begin(data, run.prior, replace(config, initialise="mean", networks="random"), feedback.say)
+    else:
+        state = begin(data, run.prior, config, feedback.say, run.networks)
     if resuming:
         load_checkpoint(state, folder.checkpoint)
         feedback.say(f"resuming at step {state.step} of {config.steps}")

@@ -42,6 +42,8 @@ from neural_strands.grooms.tfx_text import write_tfx_text
 from neural_strands.lmvs.files import load_segments, load_segments_source
 from neural_strands.lmvs.strokes import read_strokes
 from neural_strands.model.files import load_hair_model
+from neural_strands.model.networks import SHIPPED as SHIPPED_NETWORKS
+from neural_strands.model.networks import read_networks
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
 from neural_strands.preparation.cameras.metashape import read_metashape
 from neural_strands.preparation.cameras.reality_capture import COLUMNS, read_reality_capture
@@ -100,6 +102,7 @@ def write_corpus(folder: Path) -> None:
     _write_preparation(folder / "preparation")
     _write_settings(folder / "settings")
     shutil.copyfile(SHIPPED, folder / "prior.safetensors")
+    shutil.copyfile(SHIPPED_NETWORKS / "networks_16_32_32.safetensors", folder / "networks.safetensors")
 
 
 def _write_grooms(folder: Path) -> None:
@@ -368,6 +371,7 @@ READERS = (
     FuzzedReader("model's config", "run/model/config.json", _model, is_slow=True),
     FuzzedReader("model's weights", "run/model/model.safetensors", _model, is_slow=True),
     FuzzedReader("prior", "prior.safetensors", load_prior, is_slow=True),
+    FuzzedReader("networks", "networks.safetensors", lambda path: read_networks(path, FitConfig().model), is_slow=True),
     FuzzedReader("edits", "settings/edits.json", read_edits),
     FuzzedReader("settings .json", "settings/fit.json", lambda path: read_fit_config(path, FitConfig())),
     FuzzedReader("settings .toml", "settings/fit.toml", lambda path: read_fit_config(path, FitConfig())),

@@ -54,6 +54,9 @@ class Fit:
     """Take as many steps as fit into this many minutes, instead of a fixed number; their speed is measured first."""
     prior: Path | None = None
     """Weights of a strand prior (`neural-strands train-prior`), instead of those that ship with the package."""
+    networks: Path | None = None
+    """Weights from which the networks start (`neural-strands train-networks`, or OUT/model/model.safetensors of
+    another run), instead of those that ship with the package."""
     resume: bool = False
     """Continue the run in OUT."""
     seed: Annotated[int, Between(0, 2**32 - 1)] | None = None
@@ -83,7 +86,9 @@ class Fit:
         given = {name: getattr(self, name) for name in ("steps", "strands", "seed") if getattr(self, name) is not None}
         config = replace(config, **given)
         check_fit_config(config, "--config")
-        request = FitRequest(self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior)
+        request = FitRequest(
+            self.capture, self.out, self.head, self.segments, self.resume, self.minutes, self.prior, self.networks
+        )
         feedback = Feedback(say, track) if leads() else Feedback()
         with page_beside(self.out) if self.view and leads() else nullcontext():
             state = run_fit(request, config, pick_device(self.device), feedback)
