@@ -6,6 +6,8 @@ from pathlib import Path
 
 import torch
 
+from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.fitting.config import FitConfig
 from neural_strands.foundation.progress import Feedback
 from neural_strands.model.networks import save_networks
@@ -29,6 +31,9 @@ def train_networks(
     Raises:
         InputError: a capture cannot be fitted, or a file cannot be written.
     """
+    for capture in captures:
+        # A mistake in the last capture must not show after hours.
+        find_head(Capture.load(capture))
     notes = {"captures": ", ".join(capture.name for capture in captures), "steps": str(config.steps)}
     fits, before = out.with_name(f"{out.stem}_fits"), None
     for number, capture in enumerate(captures, start=1):

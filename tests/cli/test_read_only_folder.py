@@ -31,6 +31,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["render", "run", "--out", "OUT.mp4", "--turntable", "1", "--size", "16", "16"],
         ["head", "capture/head.obj", "--picture", "OUT.png"],
         ["train-prior", "OUT.safetensors"],
+        ["train-networks", "OUT.safetensors", "capture"],
         ["prior-traverse", "OUT"],
     ],
     ids=" ".join,
