@@ -114,7 +114,7 @@ def fit(
     Args:
         capture: folder of the capture.
         out: folder of the run.
-        config: all settings; by default those of `preset("fast")`, which takes about an hour on two cores.
+        config: all settings; by default those of `preset("fast")`, which takes up to half an hour on two cores.
         head: mesh in the cameras' frame, metres, instead of the capture's own.
         segments: npz file of line segments from `make_segments`; without it they are computed.
         resume: continue the run in `out`.

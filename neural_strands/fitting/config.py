@@ -84,7 +84,7 @@ class FitConfig:
         0.3
     """
 
-    steps: Annotated[int, Between(1, 10_000_000)] = 5000
+    steps: Annotated[int, Between(1, 10_000_000)] = 2500
     """Number of optimisation steps."""
     strands: Annotated[int, Between(1, 1_000_000)] = 10_000
     """Strands in the result, one per root."""
@@ -146,7 +146,7 @@ class FitConfig:
 
 
 def preset(name: str) -> FitConfig:
-    """The settings of a preset: `demo` for minutes on two cores, `fast` for an hour, `paper` for one GPU.
+    """The settings of a preset: `demo` for minutes on two cores, `fast` for half an hour, `paper` for one GPU.
 
     The shape texture has at least six texels per strand. With 2.7 it cannot represent neighbours separately: decoded
     strands are 1.7 to 3 mm away from the traced ones.
@@ -157,7 +157,7 @@ def preset(name: str) -> FitConfig:
     Examples:
         >>> import neural_strands as ns
         >>> ns.preset("demo").steps, ns.preset("fast").steps, ns.preset("paper").steps
-        (400, 5000, 12000)
+        (400, 2500, 12000)
     """
     if name not in get_args(Preset):
         raise InputError(

@@ -34,7 +34,7 @@ class Fit:
     out: Annotated[Path, tyro.conf.Positional]
     """Folder for the run."""
     preset: Literal["demo", "fast", "paper"] = "fast"
-    """demo: minutes on two cores; fast: within an hour on two cores; paper: full sizes, for one GPU."""
+    """demo: minutes on two cores; fast: within half an hour on two cores; paper: full sizes, for one GPU."""
     head: Path | None = None
     """Head mesh in the cameras' frame, metres, instead of the capture's own; scalp_faces.json beside it is used."""
     segments: Path | None = None
