@@ -10,8 +10,10 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.fitting.config import FitConfig
 from neural_strands.foundation.progress import Feedback
+from neural_strands.model.files import WEIGHTS_NAME
 from neural_strands.model.networks import save_networks
 from neural_strands.runs.run_fit import FitRequest, run_fit
+from neural_strands.runs.run_folder import RunFolder
 
 
 def train_networks(
@@ -41,7 +43,6 @@ def train_networks(
         run = fits / f"{number}_{capture.name}"
         request = FitRequest(capture, run, resume=True, networks=before)
         state = run_fit(request, replace(config, networks="random"), device, feedback)
-        before = run / "networks.safetensors"
-        save_networks(state.model, before, notes)
+        before = RunFolder(run).model / WEIGHTS_NAME
         if number == len(captures):
             save_networks(state.model, out, notes)
