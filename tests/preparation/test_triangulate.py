@@ -90,3 +90,21 @@ def test_no_face_and_two_people_are_refused():
     both = [[*first, *second] for first, second in pairs]
     with pytest.raises(InputError, match="expected one person, found two"):
         triangulate_face(cameras, both)
+
+
+def test_one_person_before_two_groups_of_cameras_that_disagree_is_not_two():
+    cameras, points = arc(), face_points()
+    # The last four cameras are wrong together, as where a loop of photographs does not close: 12 mm at the face.
+    moved = points + np.array([0.012, 0.0, 0.0])
+    faces = images_of(points, cameras[:5]) + images_of(moved, cameras[5:])
+    face = triangulate_face(cameras, faces)
+    assert face.views.tolist() == [0] * 5 + [-1] * 4
+    np.testing.assert_allclose(face.points, points, atol=1e-4)
+
+
+def test_people_who_never_share_a_photograph_are_two():
+    cameras, points = arc(), face_points()
+    beside = points + np.array([0.25, 0.0, 0.0])
+    faces = images_of(points, cameras[:5]) + images_of(beside, cameras[5:])
+    with pytest.raises(InputError, match="one in 5 photographs, another in 4"):
+        triangulate_face(cameras, faces)

@@ -22,6 +22,9 @@ AGREEMENT = 0.02
 WIDEST, NARROWEST = 60.0, 4.0
 """Bounds of the angle between two proposing views, degrees: closer ones hardly determine depth, and more distant ones
 seldom show the same points."""
+APART = 0.5
+"""Faces at least so far from each other, in units of their size, are two people's; nearer ones are one person's, seen
+by cameras that disagree."""
 ROUNDS = 20
 SPREAD = 0.004
 """Scale of the Geman-McClure weights, as a share of the face's size: two pixels for a face 500 pixels wide."""
@@ -52,7 +55,7 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
         faces: detected faces of each view, (landmark, 2) pixels.
 
     Raises:
-        InputError: no two views agree on a face, or they agree on more than one.
+        InputError: no two views agree on a face, or they agree on two at different places.
     """
     projections = projection_matrices(cameras)
     chosen = _consensus(cameras, projections, faces)
@@ -64,16 +67,16 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
             f"in {detected}; take photographs from the front, give landmarks (--landmarks) or, if the cameras are in "
             "metres, a head that you have placed in their frame (fit --head)."
         )
+    face = _triangulated(projections, faces, chosen)
     others = [[face for k, face in enumerate(found) if k != chosen[view]] for view, found in enumerate(faces)]
-    second = int((_consensus(cameras, projections, others) >= 0).sum())
-    if second >= max(2, seen // 2):
+    second = _consensus(cameras, projections, others)
+    count = int((second >= 0).sum())
+    if count >= max(2, seen // 2) and _apart(face, _triangulated(projections, others, second)) >= APART:
         raise InputError(
             f"{len(cameras)} photographs: expected one person, found two: one in {seen} photographs, another in "
-            f"{second}; crop the photographs to one of them, or give the landmarks of one (--landmarks)."
+            f"{count}; crop the photographs to one of them, or give the landmarks of one (--landmarks)."
         )
-    views = np.flatnonzero(chosen >= 0).tolist()
-    pixels = np.stack([faces[view][int(chosen[view])] for view in views])
-    return _refined(projections[views], pixels, chosen)
+    return face
 
 
 def triangulate(projections: np.ndarray, pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -150,6 +153,22 @@ def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequen
         if (chosen >= 0).sum() >= 2 and score > best_score:
             best, best_score = chosen, score
     return best
+
+
+def _triangulated(
+    projections: np.ndarray, faces: Sequence[Sequence[np.ndarray]], chosen: np.ndarray
+) -> TriangulatedFace:
+    """The face that the chosen faces of the views show."""
+    views = np.flatnonzero(chosen >= 0).tolist()
+    pixels = np.stack([faces[view][int(chosen[view])] for view in views])
+    return _refined(projections[views], pixels, chosen)
+
+
+def _apart(first: TriangulatedFace, second: TriangulatedFace) -> float:
+    """Distance between the middles of two faces, in units of the first one's size."""
+    inside = list(INTERIOR)
+    gap = np.nanmedian(second.points[inside], axis=0) - np.nanmedian(first.points[inside], axis=0)
+    return float(np.linalg.norm(gap) / _sizes(first.points[None, inside])[0])
 
 
 def _refined(projections: np.ndarray, pixels: np.ndarray, chosen: np.ndarray) -> TriangulatedFace:
