@@ -13,9 +13,11 @@ from neural_strands.foundation.progress import track
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head import Head
+from neural_strands.synthesis.backend import load_mitsuba
 from neural_strands.synthesis.dome import DomeConfig, dome
 from neural_strands.synthesis.path_tracer import PathTracer, TracingConfig
 from neural_strands.synthesis.resume import claim_folder, is_rendered
+from neural_strands.synthesis.sample import sample_shows, unpack_sample
 
 SMALLEST, LARGEST = 0.02, 3.0
 """Smallest and largest plausible size of a groom (m)."""
@@ -42,6 +44,7 @@ def synthesize(
     config: SynthesisConfig,
     origin: Mapping[str, str | int],
     overwrite: bool = False,
+    shipped: bool = False,
 ) -> int:
     """Render a capture into `folder` and return how many views were rendered; finished views are kept.
 
@@ -52,21 +55,29 @@ def synthesize(
         config: cameras and quality.
         origin: where the strands come from; stored with the settings and named if they differ.
         overwrite: replace a capture with other settings.
+        shipped: take the pictures that ship with the package instead of rendering them, if they show this capture.
 
     Raises:
-        InputError: strands and head do not go together, or the folder holds another capture.
+        InputError: strands and head do not go together, the folder holds another capture, or Mitsuba is missing.
     """
     check_fit(head, strands)
     strands = quantised(strands)
     cameras = dome(strands.points.reshape(-1, 3), config.dome)
     digests = {"strands_digest": _digest(strands.points), "head_digest": _digest(head.mesh.vertices)}
     settings = {**origin, **asdict(config.dome), **asdict(config.tracing), "seed": config.seed, **digests}
+    unpacked = shipped and sample_shows(settings, strands.points)
+    if not unpacked:
+        # Without Mitsuba, nothing should be left behind.
+        load_mitsuba()
     claim_folder(folder, settings, overwrite)
     writer = CaptureWriter(folder)
     missing = [camera for camera in cameras if not is_rendered(folder, camera)]
     if missing:
         writer.write_head(head.mesh, head.scalp_faces)
         writer.write_ground_truth(strands)
+    if unpacked:
+        unpack_sample(writer, missing)
+    elif missing:
         generator = torch.Generator().manual_seed(config.seed)
         tracer = PathTracer(head, strands, config.tracing, generator)
         for camera in track(missing, "path tracing"):
@@ -74,7 +85,7 @@ def synthesize(
             image = tracer.image(camera, noise)
             writer.write_view(camera, image, *tracer.coverage(camera).unbind(dim=-1))
     writer.finish(cameras)
-    return len(missing)
+    return 0 if unpacked else len(missing)
 
 
 def check_fit(head: Head, strands: Strands) -> None:

@@ -22,10 +22,24 @@ def test_the_last_line_names_the_command_that_shows_the_result(tmp_path, monkeyp
     assert [type(stage).__name__ for stage in ran] == list(STAGES)
     run = tmp_path / "out" / "run"
     assert (ran[0].style, ran[0].seed, ran[2].seed, ran[2].out) == ("short", 3, 3, run)
+    assert ran[0].shipped
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.endswith(f"in the browser: neural-strands view {run}")
     seconds = json.loads((tmp_path / "out" / "figures.json").read_text())["seconds"]
     assert list(seconds) == ["synthesize", "check", "fit", "evaluate"]
+
+
+def test_photographs_can_be_rendered_instead_of_unpacked(tmp_path, monkeypatch):
+    shipped = []
+
+    def note(stage):
+        if isinstance(stage, demo.Synthesize):
+            shipped.append(stage.shipped)
+
+    for name in STAGES:
+        monkeypatch.setattr(getattr(demo, name), "run", note)
+    assert main(["demo", str(tmp_path / "out"), "--render"]) == 0
+    assert shipped == [False]
 
 
 def test_a_stage_that_fails_ends_the_demo(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""`neural-strands demo`: the whole pipeline on a capture that it makes itself."""
+"""`neural-strands demo`: the whole pipeline on a small synthetic capture."""
 
 import json
 import sys
@@ -20,9 +20,10 @@ from neural_strands.foundation.files import atomic_file
 
 @dataclass(frozen=True)
 class Demo:
-    """Make a small capture of synthetic hair, reconstruct it, score it, and write pictures.
+    """Take a small capture of synthetic hair, reconstruct it, score it, and write pictures.
 
-    Writes OUT/capture (photographs with ground truth), OUT/run (groom.usd, groom.npz, model, report/index.html) and
+    The photographs of the default options ship with the package; for others, they are path-traced first. Writes
+    OUT/capture (photographs with ground truth), OUT/run (groom.usd, groom.npz, model, report/index.html) and
     OUT/figures.json. A stopped demo continues when the same command is given again.
     """
 
@@ -40,6 +41,8 @@ class Demo:
     """Optimisation steps, instead of those of the preset `demo`."""
     seed: Annotated[int, Between(0, 2**32 - 1)] = 0
     """Seed of all random numbers."""
+    render: bool = False
+    """Path-trace the photographs in any case, which takes some two minutes more."""
 
     def run(self) -> None:
         """Run every stage and report how long each took."""
@@ -53,6 +56,7 @@ class Demo:
                 views=self.views,
                 resolution=self.resolution,
                 seed=self.seed,
+                shipped=not self.render,
             ),
             "check": Check(capture),
             "fit": Fit(capture, run, preset="demo", steps=self.steps, resume=True, seed=self.seed),

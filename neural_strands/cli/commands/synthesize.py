@@ -55,18 +55,19 @@ class Synthesize:
     """Seed of all random numbers."""
     overwrite: bool = False
     """Replace a capture in OUT that was made with other settings."""
+    shipped: bool = False
+    """Take the pictures that ship with the package instead of rendering them, if they show this capture; only the
+    demo's do."""
     json: bool = False
     """Print one JSON object instead of a sentence."""
 
     def run(self) -> None:
         """Grow or read the groom, then render the missing views."""
-        from neural_strands.synthesis.backend import load_mitsuba
         from neural_strands.synthesis.dome import DomeConfig
         from neural_strands.synthesis.path_tracer import TracingConfig
         from neural_strands.synthesis.styles import MELANIN
         from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
 
-        load_mitsuba()
         head = self._head()
         groom, origin = self._strands(head)
         config = SynthesisConfig(
@@ -74,7 +75,7 @@ class Synthesize:
             TracingConfig(samples=self.samples, melanin=MELANIN[self.colour]),
             self.seed,
         )
-        rendered = synthesize(self.out, head, groom, config, origin, overwrite=self.overwrite)
+        rendered = synthesize(self.out, head, groom, config, origin, self.overwrite, self.shipped)
         figures = {
             "folder": str(self.out),
             "strands": len(groom),
