@@ -102,6 +102,20 @@ def test_one_person_before_two_groups_of_cameras_that_disagree_is_not_two():
     np.testing.assert_allclose(face.points, points, atol=1e-4)
 
 
+def test_a_few_poor_detections_are_better_than_none():
+    cameras, points = [arc()[k] for k in (2, 6)], face_points()
+    faces = images_of(points, cameras)
+    # All landmarks up in one view and down in the other, each by some 3% of the face, cannot be explained by any point.
+    faces[0][0][:, 1] += 4.0
+    faces[1][0][:, 1] -= 4.0
+    face = triangulate_face(cameras, faces)
+    assert face.views.tolist() == [0, 0]
+    assert np.median(np.linalg.norm(face.points - points, axis=1)) < 0.01
+    faces[0][0][:, 1] += 12.0
+    with pytest.raises(InputError, match="expected a face in at least two"):
+        triangulate_face(cameras, faces)
+
+
 def test_people_who_never_share_a_photograph_are_two():
     cameras, points = arc(), face_points()
     beside = points + np.array([0.25, 0.0, 0.0])

@@ -17,8 +17,9 @@ from neural_strands.preparation.face.topology import INTERIOR
 
 PROPOSALS = 600
 """Largest number of pairs of views that propose a face."""
-AGREEMENT = 0.02
-"""A view agrees with a proposal up to this median error, as a share of the face's size in the picture."""
+AGREEMENTS = (0.02, 0.04)
+"""A view agrees with a proposal up to this median error, as a share of the face's size in the picture. The second is
+tried if less than half of the views with a face agree by the first: a few poor detections are better than none."""
 WIDEST, NARROWEST = 60.0, 4.0
 """Bounds of the angle between two proposing views, degrees: closer ones hardly determine depth, and more distant ones
 seldom show the same points."""
@@ -58,9 +59,13 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
         InputError: no two views agree on a face, or they agree on two at different places.
     """
     projections = projection_matrices(cameras)
-    chosen = _consensus(cameras, projections, faces)
-    seen = int((chosen >= 0).sum())
     detected = sum(bool(found) for found in faces)
+    chosen, seen, agreement = np.full(len(cameras), -1), 0, 0.0
+    for agreement in AGREEMENTS:
+        chosen = _consensus(cameras, projections, faces, agreement)
+        seen = int((chosen >= 0).sum())
+        if seen >= max(2, detected / 2):
+            break
     if seen < 2:
         raise InputError(
             f"{len(cameras)} photographs: expected a face in at least two that agrees with their cameras, found faces "
@@ -69,7 +74,7 @@ def triangulate_face(cameras: Sequence[Camera], faces: Sequence[Sequence[np.ndar
         )
     face = _triangulated(projections, faces, chosen)
     others = [[face for k, face in enumerate(found) if k != chosen[view]] for view, found in enumerate(faces)]
-    second = _consensus(cameras, projections, others)
+    second = _consensus(cameras, projections, others, agreement)
     count = int((second >= 0).sum())
     if count >= max(2, seen // 2) and _apart(face, _triangulated(projections, others, second)) >= APART:
         raise InputError(
@@ -113,7 +118,9 @@ def projection_matrices(cameras: Sequence[Camera]) -> np.ndarray:
     return np.stack([(camera.intrinsics.double() @ camera.world_to_camera[:3].double()).numpy() for camera in cameras])
 
 
-def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+def _consensus(
+    cameras: Sequence[Camera], projections: np.ndarray, faces: Sequence[Sequence[np.ndarray]], agreement: float
+) -> np.ndarray:
     """Index of each view's face that agrees with the best proposal, -1 if none does."""
     candidates = [(view, k) for view, found in enumerate(faces) for k, face in enumerate(found) if _has_size(face)]
     best = np.full(len(cameras), -1)
@@ -144,11 +151,11 @@ def _consensus(cameras: Sequence[Camera], projections: np.ndarray, faces: Sequen
         chosen = np.full(len(cameras), -1)
         score = 0.0
         for candidate in np.argsort(error):
-            if error[candidate] > AGREEMENT:
+            if error[candidate] > agreement:
                 break
             if chosen[views[candidate]] < 0:
                 chosen[views[candidate]] = candidates[candidate][1]
-                score += 1.0 - error[candidate] / AGREEMENT
+                score += 1.0 - error[candidate] / agreement
         # More views score higher; of equally many, those that agree better.
         if (chosen >= 0).sum() >= 2 and score > best_score:
             best, best_score = chosen, score
