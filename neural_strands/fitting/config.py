@@ -68,8 +68,8 @@ class FitRates:
     """Z_a."""
     network: Annotated[float, Between(0, 10)] = 2e-3
     """Weights of the UNet and the point shader."""
-    surround: Annotated[float, Between(0, 10)] = 1e-3
-    """Colours of body and background."""
+    surround: Annotated[float, Between(0, 10)] = 1e-4
+    """Colours of body and background. They start in closed form, and at a higher rate they gather noise."""
 
 
 @dataclass(frozen=True)
