@@ -8,21 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzzed_input import give
-from PIL import Image
+from PIL import Image, ImageOps
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.photographs.folder import (
-    EXIF,
-    FOCAL_35MM,
-    MAKE,
+    MOST_PIXELS,
     find_photographs,
     import_photographs,
     read_list,
     read_picture,
     write_picture,
 )
-
-ORIENTATION = 0x0112
+from neural_strands.preparation.photographs.metadata import EXIF, FOCAL_35MM, MAKE, ORIENTATION
 
 
 def picture(height=40, width=60) -> np.ndarray:
@@ -58,6 +55,87 @@ def test_orientation_focal_length_and_device_come_from_exif(tmp_path: Path):
     # 26 mm on film 43.27 mm across, for a picture 72.11 pixels across.
     assert turned.focal == pytest.approx(26 * np.hypot(40, 60) / np.hypot(36, 24))
     assert read_list(tmp_path / "out") == found
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_every_orientation_is_turned_as_pillow_turns_it(tmp_path: Path, orientation: int):
+    fill(tmp_path)
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    random = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
+    Image.fromarray(random).save(tmp_path / "a.png", exif=exif)
+    run(tmp_path, tmp_path / "out")
+    with Image.open(tmp_path / "a.png") as stored:
+        expected = np.asarray(ImageOps.exif_transpose(stored))
+    np.testing.assert_array_equal(read_picture(tmp_path / "out" / "a.png"), expected)
+
+
+def test_unusual_metadata_cost_no_photograph(tmp_path: Path):
+    fill(tmp_path)
+    exif = Image.Exif()
+    exif[ORIENTATION], exif[MAKE] = 6, "Maker"
+    Image.fromarray(picture()).save(tmp_path / "a.jpg", exif=exif, quality=95)
+    content = (tmp_path / "a.jpg").read_bytes()
+    make = struct.pack(">HHL", MAKE, 2, len("Maker") + 1)
+    assert content.count(make) == 1
+    # The make as a floating-point number: Pillow reads it, but cannot write it again.
+    (tmp_path / "a.jpg").write_bytes(content.replace(make, struct.pack(">HHL", MAKE, 11, 1)))
+    with Image.open(tmp_path / "a.jpg") as stored, pytest.raises(AttributeError):
+        ImageOps.exif_transpose(stored)
+    found, said = run(tmp_path, tmp_path / "out")
+    assert [(photograph.width, photograph.height) for photograph in found if photograph.source == "a.jpg"] == [(40, 60)]
+    assert said == []
+
+
+@pytest.mark.parametrize("cut", [0.5, 0.8, 0.95])
+def test_cut_heic_files_are_left_out(tmp_path: Path, cut: float):
+    fill(tmp_path)
+    content = heic(tmp_path)
+    (tmp_path / "a.heic").write_bytes(content[: int(cut * len(content))])
+    found, said = run(tmp_path, tmp_path / "out")
+    assert len(found) == 3
+    assert len(said) == 1
+    assert said[0].startswith("a.heic does not decode (")
+
+
+def test_heic_is_read_whatever_its_suffix(tmp_path: Path):
+    fill(tmp_path)
+    (tmp_path / "a.JPG").write_bytes(heic(tmp_path))
+    # Another test may have enabled Pillow to read HEIC.
+    kept = Image.OPEN.pop("HEIF", None), [name for name in Image.ID if name != "HEIF"]
+    Image.ID[:] = kept[1]
+    found, said = run(tmp_path, tmp_path / "out")
+    assert said == []
+    assert [photograph.source for photograph in found if photograph.name == "a.png"] == ["a.JPG"]
+    difference = read_picture(tmp_path / "out" / "a.png").astype(int) - np.kron(picture(), np.ones((4, 4, 1)))
+    assert np.abs(difference).mean() < 8
+
+
+@pytest.mark.slow(seconds=12)
+def test_photographs_of_the_largest_sensors_are_read_and_larger_claims_are_not(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+):
+    fill(tmp_path)
+    assert MOST_PIXELS >= 16320 * 12240
+    with Image.open(tmp_path / "plain0.png") as small:
+        small.convert("1").resize((16320, 12240)).save(tmp_path / "large.png")
+    content = bytearray((tmp_path / "plain0.png").read_bytes())
+    content[16:24] = struct.pack(">II", 20_000, 20_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "larger.png").write_bytes(content)
+    found, said = run(tmp_path, tmp_path / "out", longest_side=160)
+    assert {(photograph.width, photograph.height) for photograph in found if "large" in photograph.name} == {(160, 120)}
+    assert [sentence.split()[0] for sentence in said] == ["larger.png"]
+    assert not recwarn.list
+
+
+def heic(folder: Path) -> bytes:
+    """The picture, four times as large, as HEIC."""
+    pillow_heif = pytest.importorskip("pillow_heif")
+    path = folder / "picture.tmp"
+    pixels = np.kron(picture(), np.ones((4, 4, 1), np.uint8))
+    pillow_heif.from_pillow(Image.fromarray(pixels)).save(path, format="HEIF", quality=95)
+    return path.read_bytes()
 
 
 def test_large_pictures_shrink_and_alpha_lies_over_black(tmp_path: Path):

@@ -5,8 +5,10 @@ PNG is lossless for later stages, and drops the camera's metadata, such as locat
 
 import json
 import math
+import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
@@ -14,14 +16,15 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageCms
 
 from neural_strands.capture.images import colour_of, read_pixels, reduced
 from neural_strands.foundation.configs import Between, config_from_json
-from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.input_files import has_controls, is_file_name
 from neural_strands.foundation.json_files import read_json
 from neural_strands.foundation.progress import track
+from neural_strands.preparation.photographs.metadata import read_metadata, upright
 from neural_strands.preparation.stage import ADVICE
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
@@ -30,12 +33,12 @@ FEWEST = 3
 """Smallest number of photographs whose cameras can be estimated."""
 FILM_DIAGONAL = math.hypot(36.0, 24.0)
 """Diagonal of 35 mm film, millimetres, to which EXIF's equivalent focal length refers."""
-MAKE, MODEL, EXIF, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0xA405
-"""EXIF tags."""
 LONGEST_FOCAL = 1e9
 """Longest focal length that is believed, pixels."""
-LONGEST_DEVICE = 100
-"""Longest name of a camera that is kept, characters."""
+MOST_PIXELS = 250_000_000
+"""Largest number of pixels of a photograph; phones have sensors of 200 million."""
+HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
+"""What follows the word `ftyp` in a HEIC file."""
 LIST = "photographs.json"
 Side = Annotated[int, Between(1, 65_535)]
 """Width or height, pixels."""
@@ -117,11 +120,11 @@ def import_photographs(
     names: set[str] = set()
     for path in track(paths, "reading photographs"):
         try:
-            with Image.open(path) as image:
+            with _large_pictures(), Image.open(path) as image:
                 pixels, scale, focal, device = _upright(image, longest_side)
         # Depending on the damage, Pillow's decoders raise various exceptions.
-        except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-            say(f"{path.name} does not decode ({str(error)[:100]}) and is left out.")
+        except Exception as error:
+            say(f"{path.name} does not decode ({reason(error)}) and is left out.")
             continue
         name = f"{_unique(path, names)}.png"
         write_picture(out / name, pixels)
@@ -191,21 +194,28 @@ def read_picture(path: Path) -> np.ndarray:
 
 def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, float, str]:
     """Return upright pixels (height, width, 3), their scale, the focal length in pixels, and the device."""
-    exif = image.getexif()
-    device = " ".join(str(exif.get(tag, "")) for tag in (MAKE, MODEL))
-    device = "".join(letter for letter in device if letter.isprintable()).strip()[:LONGEST_DEVICE]
-    equivalent = exif.get_ifd(EXIF).get(FOCAL_35MM, 0)
+    metadata = read_metadata(image)
     profile = image.info.get("icc_profile")
-    image = ImageOps.exif_transpose(image)
-    image = _in_srgb(image, profile)
+    image = _in_srgb(upright(image, metadata.orientation), profile)
     pixels = reduced(np.asarray(image), longest_side)
     height, width = pixels.shape[:2]
     scale = width / image.width
+    focal = metadata.equivalent * math.hypot(width, height) / FILM_DIAGONAL
+    return pixels, scale, focal if 0.0 < focal <= LONGEST_FOCAL else 0.0, metadata.device
+
+
+@contextmanager
+def _large_pictures() -> Iterator[None]:
+    """Let Pillow decode pictures of the largest sensors, which it would refuse, and odd metadata without a warning."""
+    before = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = MOST_PIXELS
     try:
-        focal = float(equivalent) * math.hypot(width, height) / FILM_DIAGONAL
-    except (TypeError, ValueError, ZeroDivisionError):
-        focal = 0.0
-    return pixels, scale, focal if 0.0 < focal <= LONGEST_FOCAL else 0.0, device
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = before
 
 
 def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:
@@ -237,12 +247,12 @@ def _unique(path: Path, names: set[str]) -> str:
 
 
 def _register_heic(paths: Sequence[Path]) -> None:
-    """Enable Pillow to read HEIC if any of the files needs it.
+    """Enable Pillow to read HEIC if any of the files needs it, whatever its suffix: some programs write .jpg.
 
     Raises:
         InputError: pillow-heif is not installed.
     """
-    heic = [path for path in paths if path.suffix.lower() in (".heic", ".heif")]
+    heic = [path for path in paths if path.suffix.lower() in (".heic", ".heif") or _is_heic(path)]
     if not heic:
         return
     try:
@@ -253,3 +263,13 @@ def _register_heic(paths: Sequence[Path]) -> None:
             "`pip install 'neural-strands[photos]'`, or export the photographs as JPEG."
         ) from error
     register_heif_opener()
+
+
+def _is_heic(path: Path) -> bool:
+    """Whether a file begins as HEIC does."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(12)
+    except OSError:
+        return False
+    return start[4:8] == b"ftyp" and start[8:12] in HEIC_BRANDS
