@@ -32,7 +32,7 @@ from neural_strands.preparation.cameras.calibration import (
     calibrate,
     lens_of,
 )
-from neural_strands.preparation.cameras.given import by_name, read_cameras
+from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
@@ -224,7 +224,7 @@ class _Run:
         listed = read_list(photographs.folder)
         given = self.source.cameras
         if given is not None:
-            lenses = read_cameras(given, listed)
+            lenses = read_upright_cameras(given, listed, self.source.files)
             poses = {name: [*lens.lens.intrinsics, *lens.world_to_camera.ravel()] for name, lens in lenses.items()}
             inputs = {"photographs": photographs.digest, "given": poses}
             points = SparsePoints.none()
@@ -244,7 +244,8 @@ class _Run:
                 found.save(out)
 
             model = self._stage("model", {"matches": matches.digest}, work)
-            lenses = by_name(read_colmap(photographs.folder, model.folder), model.folder)
+            found = by_name(read_colmap(photographs.folder, model.folder), model.folder)
+            lenses = {shot.source: found[shot.name] for shot in listed if shot.name in found}
             inputs = {"photographs": photographs.digest, "model": model.digest}
             points = SparsePoints.load(model.folder)
 

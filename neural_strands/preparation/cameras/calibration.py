@@ -122,7 +122,7 @@ def calibrate(
     Args:
         images: folder of the photographs.
         photographs: the photographs in that folder.
-        lenses: cameras by file name: the photograph's present name, that of its source, or that without its suffix.
+        lenses: cameras by file name: that of the photograph's source, its present one, or the first without its suffix.
         points: sparse points, in the cameras' frame.
         out: an existing folder.
         say: receives messages for the user.
@@ -168,17 +168,21 @@ def rigid_pose(camera_to_world: np.ndarray, source: str) -> np.ndarray:
     return rigid_inverse(rigid(torch.from_numpy(camera_to_world).double(), source)).numpy()
 
 
+def find_lens(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLens | None:
+    """Find the camera of a photograph by the name of its source, its present one, or the first without its suffix."""
+    # A name without a suffix may itself contain dots, as those that tell the time do.
+    stems = {Path(name).stem.lower(): name for name in lenses} | {name.lower(): name for name in lenses}
+    names = (photograph.source, photograph.name, stems.get(Path(photograph.source).stem.lower(), ""))
+    return next((lenses[name] for name in names if name in lenses), None)
+
+
 def lens_of(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLens | None:
     """Find the camera of a photograph, scaled to the photograph's size: it may belong to a larger or smaller copy.
-
-    It is found by the photograph's present name, that of its source, or that without its suffix.
 
     Raises:
         InputError: the aspect ratios differ.
     """
-    stems = {Path(name).stem.lower(): name for name in lenses}
-    names = (photograph.name, photograph.source, stems.get(Path(photograph.source).stem.lower(), ""))
-    posed = next((lenses[name] for name in names if name in lenses), None)
+    posed = find_lens(photograph, lenses)
     if posed is None:
         return None
     lens = posed.lens

@@ -11,7 +11,24 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.cameras.calibration import PosedLens
 from neural_strands.preparation.cameras.metashape import read_metashape
 from neural_strands.preparation.cameras.reality_capture import read_reality_capture
+from neural_strands.preparation.cameras.stored import cameras_of_upright
 from neural_strands.preparation.photographs.folder import Photograph
+
+
+def read_upright_cameras(path: Path, photographs: Sequence[Photograph], files: Sequence[Path]) -> dict[str, PosedLens]:
+    """Read the cameras of photographs as `prepare` turns them, by the names of the photographs' files.
+
+    Args:
+        path: as for `read_cameras`.
+        photographs: the photographs, upright.
+        files: the photographs' files, or the video that they were taken from.
+
+    Raises:
+        InputError: the file is malformed.
+    """
+    lenses = read_cameras(path, photographs)
+    # RealityCapture's file states no sizes, and the upright photographs' have been used.
+    return lenses if path.suffix.lower() == ".csv" else cameras_of_upright(lenses, photographs, files)
 
 
 def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, PosedLens]:

@@ -4,7 +4,9 @@ They are often damaged, or not as the standard says. What cannot be read then co
 """
 
 import contextlib
+import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
 from PIL import Image
 
@@ -50,6 +52,15 @@ def read_metadata(image: Image.Image) -> Metadata:
         equivalent = float(exif.get_ifd(EXIF).get(FOCAL_35MM, 0))
     device = "".join(letter for letter in device if letter.isprintable()).strip()[:LONGEST_DEVICE]
     return Metadata(orientation if orientation in TURNS else 1, equivalent, device)
+
+
+def orientation_of(path: Path) -> int:
+    """EXIF's orientation of a picture's file; 1 if it cannot be read."""
+    with contextlib.suppress(Exception), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with Image.open(path) as image:
+            return read_metadata(image).orientation
+    return 1
 
 
 def upright(image: Image.Image, orientation: int) -> Image.Image:
