@@ -102,6 +102,14 @@ def test_faces_round_trip(tmp_path: Path):
     assert second == []
 
 
+def test_faces_keep_their_pictures_whatever_these_are_called(tmp_path: Path):
+    face = np.full((LANDMARKS, 2), 1.5)
+    face[7] = np.nan
+    write_faces(tmp_path, ["KaNaNa.png"], [[face]])
+    ((found,),) = read_faces(tmp_path, ["KaNaNa.png"])
+    np.testing.assert_array_equal(found, face)
+
+
 def as_it_is(_: str, pixels: np.ndarray) -> np.ndarray:
     return pixels
 
@@ -113,6 +121,15 @@ def test_landmarks_set_by_hand(tmp_path: Path):
     assert bare == []
     np.testing.assert_array_equal(marked[0][[NAMED["nose_tip"], 33]], [[10, 20.5], [1, 2]])
     assert np.isnan(np.delete(marked[0], [NAMED["nose_tip"], 33], axis=0)).all()
+
+
+@pytest.mark.parametrize("suffix", ["", ".JPG", ".png"])
+def test_names_of_marked_photographs_may_tell_the_time(tmp_path: Path, suffix: str):
+    path = tmp_path / "marks.json"
+    times = [f"2026-05-01 14.30.{seconds}" for seconds in (22, 25)]
+    path.write_text(json.dumps({f"{time}{suffix}": {"33": [k, 2]} for k, time in enumerate(times)}))
+    found = read_marks(path, [f"{time}.png" for time in times], as_it_is)
+    assert [face[33].tolist() for (face,) in found] == [[0, 2], [1, 2]]
 
 
 def test_landmarks_follow_the_photograph_to_its_picture(tmp_path: Path):

@@ -1,6 +1,7 @@
 """Files of detected faces, and of landmarks set by hand."""
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 from neural_strands.foundation.errors import InputError, excerpt
 from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.preparation.face.topology import LANDMARKS, NAMED
+from neural_strands.preparation.photographs.folder import SUFFIXES
 from neural_strands.preparation.stage import ADVICE
 
 FACES = "faces.json"
@@ -16,10 +18,13 @@ FACES = "faces.json"
 
 def write_faces(folder: Path, names: Sequence[str], faces: Sequence[Sequence[np.ndarray]]) -> None:
     """Write the faces of each picture."""
-    document = {name: [np.round(face, 3).tolist() for face in found] for name, found in zip(names, faces, strict=True)}
-    # JSON has no NaN, though Python writes it; null is used instead.
-    text = json.dumps(document).replace("NaN", "null")
-    (folder / FACES).write_text(text, encoding="utf-8")
+    document = {name: [_rows(face) for face in found] for name, found in zip(names, faces, strict=True)}
+    (folder / FACES).write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
+
+
+def _rows(face: np.ndarray) -> list[list[float | None]]:
+    """Pixels of a face's landmarks; null where they are unknown, because JSON has no NaN."""
+    return [[None if math.isnan(value) else value for value in mark] for mark in np.round(face, 3).tolist()]
 
 
 def read_faces(folder: Path, names: Sequence[str]) -> list[list[np.ndarray]]:
@@ -66,7 +71,7 @@ def read_marks(
     marked = parse_marks(path)
     found = []
     for name in names:
-        face = marked.get(Path(name).stem.lower())
+        face = marked.get(_stem(name))
         found.append([] if face is None else [_moved(face, name, to_picture)])
     if not any(found):
         raise InputError(
@@ -85,7 +90,13 @@ def parse_marks(path: Path) -> dict[str, np.ndarray]:
         InputError: the file is malformed, or names an unknown landmark.
     """
     document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
-    return {Path(name).stem.lower(): _face(marks) for name, marks in document.members().items() if marks.members()}
+    return {_stem(name): _face(marks) for name, marks in document.members().items() if marks.members()}
+
+
+def _stem(name: str) -> str:
+    """A photograph's name in small letters, without the suffix of a picture: other dots may be part of the name."""
+    path = Path(name)
+    return (path.stem if path.suffix.lower() in SUFFIXES else path.name).lower()
 
 
 def _moved(face: np.ndarray, name: str, to_picture: Callable[[str, np.ndarray], np.ndarray]) -> np.ndarray:

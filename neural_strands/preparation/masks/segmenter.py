@@ -17,7 +17,7 @@ from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.progress import track
 from neural_strands.foundation.worker import last_line
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
-from neural_strands.preparation.photographs.folder import Photograph, read_picture
+from neural_strands.preparation.photographs.folder import SUFFIXES, Photograph, read_picture
 from neural_strands.preparation.stage import digest_files
 
 SAME_SHAPE = 0.01
@@ -52,7 +52,8 @@ class GivenMasks:
     """Masks of the original, distorted photographs.
 
     Attributes:
-        folder: folder of the masks, named like the photographs (NAME.png or NAME.jpg.png).
+        folder: folder of the masks, named like the photographs (NAME.png or NAME.jpg.png) or, if these are frames of a
+            video, like the pictures in the stage `photographs`.
         photographs: the photographs that they belong to.
         lenses: lenses of the photographs, by name.
     """
@@ -81,11 +82,14 @@ class GivenMasks:
         return mask if lens is None else lens.lens.undistort(mask)
 
     def _path(self, photograph: Photograph) -> Path:
-        path = find_mask(self.folder, Path(photograph.source).name)
+        # The source of a frame is no file: its suffix says nothing, and the frames of a video share their stem.
+        of_file = Path(photograph.source).suffix.lower() in SUFFIXES
+        name = photograph.source if of_file else photograph.name
+        path = find_mask(self.folder, name)
         if path is None:
             raise InputError(
                 f"{self.folder}: expected a mask of every photograph, found none of {photograph.source}; add "
-                f"{Path(photograph.source).stem}.png, white where there is hair."
+                f"{Path(name).stem}.png, white where there is hair."
             )
         return path
 
