@@ -1,7 +1,7 @@
 """Imports photographs from a video: the sharpest frame of each stretch."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -16,6 +16,8 @@ SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 """Suffixes of videos, in upper or lower case."""
 QUIET = "-8"
 """FFmpeg's level of messages at which it reports nothing."""
+MISCOUNT = 0.05
+"""Largest relative difference between the frames that a video says it has and those that it has."""
 JUDGED_SIDE = 320
 """Longer side at which the sharpness of frames is measured, pixels: noise averages out, motion blur remains."""
 
@@ -40,29 +42,13 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
     """
     # Otherwise its decoder writes lines of its own to the terminal. A value that the user set is kept.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", QUIET)
-    capture = cv2.VideoCapture(str(path))
-    try:
-        expected = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
-        photographs: list[Photograph] = []
-        best: tuple[float, int, np.ndarray] | None = None  # sharpness, number, frame
-        number, stretch = 0, 0
-        for _ in track(range(max(expected, 0)), "reading the video"):
-            there, frame = capture.read()
-            if not there:
-                break
-            # Only the best frame of the present stretch is in memory.
-            if best is not None and number * frames // expected > stretch:
-                photographs.append(_write(best, path, out, longest_side))
-                best = None
-            stretch = number * frames // expected
-            sharp = frame_sharpness(frame)
-            if best is None or sharp > best[0]:
-                best = (sharp, number, frame)
-            number += 1
-        if best is not None:
-            photographs.append(_write(best, path, out, longest_side))
-    finally:
-        capture.release()
+    expected = _claimed_frames(path)
+    photographs, number = _sharpest(path, out, frames, longest_side, expected)
+    if abs(number - expected) > MISCOUNT * expected:
+        # Recordings of browsers and screens do not say how long they are, or count what is no frame.
+        for photograph in photographs:
+            (out / photograph.name).unlink()
+        photographs, number = _sharpest(path, out, frames, longest_side, number)
     if len(photographs) < FEWEST:
         raise InputError(
             f"{path}: expected a video of at least {FEWEST} frames that decode, found {number}; convert it to MP4 "
@@ -71,6 +57,54 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
     write_list(out, photographs)
     say(f"{len(photographs)} of {number} frames taken, the sharpest of each interval.")
     return photographs
+
+
+def _claimed_frames(path: Path) -> int:
+    """Number of frames that a video says it has; 0 if it says none."""
+    capture = cv2.VideoCapture(str(path))
+    try:
+        return max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0) if capture.isOpened() else 0
+    finally:
+        capture.release()
+
+
+def _sharpest(path: Path, out: Path, frames: int, longest_side: int, expected: int) -> tuple[list[Photograph], int]:
+    """Write the sharpest frame of each of `frames` stretches of a video that should have `expected` frames.
+
+    Returns:
+        The frames that were written (none if no frame was expected), and the number of all frames that decode.
+    """
+    photographs: list[Photograph] = []
+    best: tuple[float, int, np.ndarray] | None = None  # sharpness, number, frame
+    stretch, total = 0, 0
+    for number, frame in enumerate(track(_frames_of(path), "reading the video", total=expected or None)):
+        total += 1
+        if not expected:
+            continue
+        # Only the best frame of the present stretch is in memory.
+        present = min(number * frames // expected, frames - 1)
+        if best is not None and present > stretch:
+            photographs.append(_write(best, path, out, longest_side))
+            best = None
+        stretch = present
+        sharp = frame_sharpness(frame)
+        if best is None or sharp > best[0]:
+            best = (sharp, number, frame)
+    if best is not None:
+        photographs.append(_write(best, path, out, longest_side))
+    return photographs, total
+
+
+def _frames_of(path: Path) -> Iterator[np.ndarray]:
+    """The frames of a video (height, width, 3; BGR), upright, up to the first that does not decode."""
+    capture = cv2.VideoCapture(str(path))
+    try:
+        there, frame = capture.read()
+        while there:
+            yield frame
+            there, frame = capture.read()
+    finally:
+        capture.release()
 
 
 def _write(chosen: tuple[float, int, np.ndarray], video: Path, out: Path, longest_side: int) -> Photograph:
