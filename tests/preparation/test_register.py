@@ -133,6 +133,28 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixtur
     assert capfd.readouterr().err == ""
 
 
+def test_principal_points_are_found_of_lenses_that_enough_photographs_share():
+    import pycolmap
+
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 2, 1, 20
+    true = [1280.0, 560.0, 350.0, 0.05]
+    options.camera_params = true
+    pycolmap.set_random_seed(0)
+    model = pycolmap.synthesize_dataset(options)
+    common, rare = model.cameras.values()
+    for image in [image for image in model.images.values() if image.camera_id == rare.camera_id][2:]:
+        model.deregister_frame(image.frame_id)
+    middle = [1280.0, 512.0, 384.0, 0.05]
+    common.params, rare.params = middle, middle
+    said: list[str] = []
+    register_module._free_centres(pycolmap, model, said.append)
+    assert said == []
+    # Photographs that are free of error yield the lens, except for the two that know no better.
+    np.testing.assert_allclose(common.params[:3], true[:3], atol=15)
+    np.testing.assert_array_equal(rare.params, middle)
+
+
 @pytest.mark.slow(seconds=50)
 def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     images, matches, model = folders(tmp_path)

@@ -229,11 +229,14 @@ def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
 
 
 def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable[[str], None]) -> None:
-    """Estimate the principal points of lenses that enough photographs share; undone if one diverges."""
+    """Estimate the principal points of lenses that enough photographs share; undone if one diverges.
+
+    Other lenses stay as they are: a single photograph of another size keeps none of the rest from it.
+    """
     count: dict[int, int] = defaultdict(int)
     for image in model.images.values():
         count[image.camera_id] += image.has_pose
-    if min(count.values()) < FREE_CENTRE:
+    if max(count.values()) < FREE_CENTRE:
         return
     before = {identity: camera.params.copy() for identity, camera in model.cameras.items()}
     poses = {identity: image.cam_from_world() for identity, image in model.images.items() if image.has_pose}
@@ -245,6 +248,9 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
     config = pycolmap.BundleAdjustmentConfig()
     for identity in model.reg_image_ids():
         config.add_image(identity)
+    for identity, photographs in count.items():
+        if photographs < FREE_CENTRE:
+            config.set_constant_cam_intrinsics(identity)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     for camera in model.cameras.values():
