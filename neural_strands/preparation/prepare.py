@@ -69,6 +69,8 @@ from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
 STAGES = "preparation"
 """Name of the folder with the stages, in the capture."""
+IGNORED = (".DS_Store", "desktop.ini", "Thumbs.db")
+"""Files that systems leave in folders that a user has looked at."""
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
@@ -177,7 +179,7 @@ def check_out(request: PrepareRequest, source: Source) -> None:
     """
     out = request.out
     begun = (out / STAGES).is_dir()
-    if out.exists() and not begun and (not out.is_dir() or any(out.iterdir())):
+    if out.exists() and not begun and (not out.is_dir() or any(path.name not in IGNORED for path in out.iterdir())):
         raise InputError(
             f"{out}: expected a new or empty folder, or one that prepare began, found another; name a new one."
         )

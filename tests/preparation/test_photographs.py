@@ -181,6 +181,27 @@ def test_too_few_photographs_are_one_sentence(tmp_path: Path):
         run(tmp_path, tmp_path / "out")
 
 
+def test_photographs_in_folders_inside_are_pointed_out(tmp_path: Path):
+    for name in (".thumbnails", "empty", "side"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "album.jpg").mkdir()
+    fill(tmp_path / ".thumbnails")
+    fill(tmp_path / "side")
+    with pytest.raises(InputError, match=r"found 0; name .*side or move all photographs of the person into one folder"):
+        find_photographs(tmp_path)
+    fill(tmp_path)
+    assert [path.name for path in find_photographs(tmp_path)] == ["plain0.png", "plain1.png", "plain2.png"]
+
+
+def test_a_folder_that_may_not_be_read_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(_: Path):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(InputError, match=r"found one that cannot be read \(Operation not permitted\); allow it"):
+        find_photographs(tmp_path)
+
+
 def test_pictures_round_trip(tmp_path: Path):
     write_picture(tmp_path / "a.png", picture())
     np.testing.assert_array_equal(read_picture(tmp_path / "a.png"), picture())

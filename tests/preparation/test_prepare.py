@@ -22,7 +22,8 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.photographs.folder import read_picture, write_picture
-from neural_strands.preparation.prepare import prepare
+from neural_strands.preparation.prepare import check_out, prepare
+from neural_strands.preparation.source import find_source
 
 
 @pytest.fixture(scope="module")
@@ -213,6 +214,17 @@ def test_what_is_the_users_is_left_alone(scene: Scene, prepared, tmp_path: Path)
     for changes in ({"photographs": out / "images"}, {"masks": out / "masks"}):
         with pytest.raises(InputError, match="expected a folder outside"):
             prepare(scene.request(out, **changes), print)
+
+
+@pytest.mark.parametrize("name", [".DS_Store", "desktop.ini", "Thumbs.db"])
+def test_a_folder_that_was_only_looked_at_is_empty(scene: Scene, tmp_path: Path, name: str):
+    (tmp_path / name).write_bytes(b"the system's")
+    request = scene.request(tmp_path)
+    source = find_source(request.photographs, request.cameras)
+    check_out(request, source)
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(InputError, match="expected a new or empty folder"):
+        check_out(request, source)
 
 
 def test_wrong_files_are_told_before_anything_is_computed(scene: Scene, tmp_path: Path):

@@ -5,6 +5,7 @@ PNG is lossless for later stages, and drops the camera's metadata, such as locat
 
 import json
 import math
+import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -87,16 +88,35 @@ def find_photographs(folder: Path) -> list[Path]:
     if len(found) < FEWEST:
         raise InputError(
             f"{folder}: expected at least {FEWEST} photographs of the head from different sides (24 or more are "
-            f"better), found {len(found)}; take more."
+            f"better), found {len(found)}; {_elsewhere(folder) or 'take more'}."
         )
     return found
 
 
 def list_photographs(folder: Path) -> list[Path]:
-    """The photographs directly in a folder, sorted by name; there may be none."""
-    return sorted(
-        path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-    )
+    """The photographs directly in a folder, sorted by name; there may be none.
+
+    Raises:
+        InputError: the folder cannot be read.
+    """
+    try:
+        return sorted(
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and not path.is_dir()
+        )
+    except OSError as error:
+        raise InputError(
+            f"{folder}: expected a folder of photographs, found one that cannot be read ({reason(error)}); allow it, "
+            "or copy them to another."
+        ) from error
+
+
+def _elsewhere(folder: Path) -> str:
+    """Advice about photographs in folders inside a folder, which are not looked for; empty if there are none."""
+    inside = [path for path in sorted(folder.iterdir()) if path.is_dir() and not path.name.startswith(".")]
+    found = next((path for path in inside if os.access(path, os.R_OK) and list_photographs(path)), None)
+    return f"name {found} or move all photographs of the person into one folder" if found is not None else ""
 
 
 def import_photographs(
