@@ -34,7 +34,6 @@ from neural_strands.preparation.cameras.calibration import (
 )
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
-from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.crown import raise_skull
@@ -268,23 +267,24 @@ class _Run:
                 write_picture(out / f"{picture.name}.png", np.where(found > PERSON_SURE, 255, 0).astype(np.uint8))
                 (out / picture.name).unlink()
 
-        return self._stage("person", {"photographs": photographs.digest, "detector": _detector_inputs(detector)}, work)
+        return self._stage("person", {"photographs": photographs.digest, "detector": detector.digests()}, work)
 
     def face(self, cameras: Stage, calibration: Calibration, originals: "_Originals") -> Stage:
-        """Landmarks of each view, and masks of the person if the detector makes them."""
+        """Landmarks of each view, and masks of the person if there is a detector to make them."""
         names = [picture.name for picture in calibration.pictures]
         marks, detector = self.request.head.landmarks, self.request.head.detector
-        inputs = {"cameras": cameras.digest, "detector": _detector_inputs(detector)}
+        inputs = {"cameras": cameras.digest, "detector": detector.digests()}
         if marks is not None:
             inputs["landmarks"] = digest_files([marks])
+            inputs |= {} if detector.python is None else {"outlines": True}
 
         def work(out: Path) -> None:
             (out / PERSON).mkdir()
-            if marks is not None:
-                faces = read_marks(marks, names, originals.to_picture)
-            else:
-                faces = detector.detect(calibration.pictures, out / PERSON)
-                self.say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
+            faces = [] if marks is None else read_marks(marks, names, originals.to_picture)
+            if marks is None or detector.python is not None:
+                detected = detector.detect(calibration.pictures, out / PERSON)
+                self.say(f"Faces in {sum(bool(found) for found in detected)} of {len(detected)} photographs.")
+                faces = faces or detected
             write_faces(out, names, faces)
 
         return self._stage("face", inputs, work)
@@ -317,7 +317,7 @@ class _Run:
         inputs = {
             "mesh": digest_files([path]),
             "scalp": None if scalp is None else digest_files([scalp]),
-            "detector": _detector_inputs(asked.detector),
+            "detector": asked.detector.digests(),
         }
 
         def work(out: Path) -> None:
@@ -392,8 +392,3 @@ class _Originals:
         posed = lens_of(photograph, self.lenses)
         moved = photograph.scale * pixels
         return moved if posed is None else posed.lens.undistort_points(moved)
-
-
-def _detector_inputs(detector: Detector) -> list[str | None]:
-    models = (detector.face_model, detector.person_model)
-    return [None if path is None else digest_files([path]) for path in models]

@@ -190,6 +190,30 @@ def test_landmarks_are_in_pixels_of_the_photograph_as_it_was_taken(scene: Scene,
     assert again["metres_per_camera_unit"] == pytest.approx(figures["metres_per_camera_unit"], rel=1e-3)
 
 
+def test_a_detector_finds_the_person_though_landmarks_are_set_by_hand(scene: Scene, prepared, tmp_path: Path):
+    out = tmp_path / "capture"
+    detector = tmp_path / "python"
+    program = (
+        "import json, os, pathlib, shutil, sys\n"
+        "request = json.load(sys.stdin)\n"
+        "for path in map(pathlib.Path, request['images']):\n"
+        "    shutil.copyfile(path, os.path.join(request['masks'], path.name))\n"
+        "    print(json.dumps({'image': str(path), 'faces': []}), flush=True)\n"
+    )
+    detector.write_text(f"#!{sys.executable}\n{program}")
+    detector.chmod(0o755)
+    request = scene.request(out, bend=False)
+    figures = prepare(request, lambda _: None)
+    assert not (out / "person_masks").exists()
+    request = replace(request, head=replace(request.head, detector=Detector(detector)))
+    again = prepare(request, lambda _: None)
+    assert again["landmark_error_px"] == figures["landmark_error_px"]
+    for picture in (out / "images").iterdir():
+        assert (out / "person_masks" / picture.name).read_bytes() == picture.read_bytes()
+    with pytest.raises(InputError, match="expected a file for the face detector"):
+        prepare(replace(request, head=replace(request.head, detector=Detector(tmp_path / "absent"))), print)
+
+
 def test_a_measured_length_makes_the_scale(scene: Scene, prepared):
     from neural_strands.preparation.head.fit import KnownSize
 

@@ -18,6 +18,7 @@ from neural_strands.foundation.progress import track
 from neural_strands.foundation.published_files import PublishedFile, find_file
 from neural_strands.foundation.worker import started_worker
 from neural_strands.preparation.face.topology import LANDMARKS
+from neural_strands.preparation.stage import digest_files
 
 WORKER = Path(__file__).with_name("worker.py")
 ADVICE = (
@@ -65,6 +66,14 @@ class Detector:
                 raise InputError(f"{path}: expected a file for the face detector, found none; check the path.")
         if self.python is None and importlib.util.find_spec("mediapipe") is None:
             raise InputError(f"Finding faces: expected the package mediapipe, found none; {ADVICE}.")
+
+    def digests(self) -> list[str | None]:
+        """Digests of the models that were chosen, on which all that is found depends.
+
+        Raises:
+            InputError: a model cannot be read.
+        """
+        return [None if path is None else digest_files([path]) for path in (self.face_model, self.person_model)]
 
     def detect(
         self, pictures: Sequence[Path], masks: Path | None = None, description: str = "finding faces"

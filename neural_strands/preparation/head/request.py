@@ -35,7 +35,7 @@ class HeadRequest:
         Raises:
             InputError: an interpreter or a model is missing, or a file of landmarks or a template is malformed.
         """
-        if self.landmarks is None or self.template is not None:
+        if self.landmarks is None or self.template is not None or self.detector.python is not None:
             self.detector.check()
         if self.landmarks is not None:
             parse_marks(self.landmarks)
