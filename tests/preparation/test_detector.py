@@ -132,6 +132,30 @@ def test_names_of_marked_photographs_may_tell_the_time(tmp_path: Path, suffix: s
     assert [face[33].tolist() for (face,) in found] == [[0, 2], [1, 2]]
 
 
+def test_names_of_marked_photographs_may_have_folders(tmp_path: Path):
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps({"right/1.jpg": {"33": [1, 2]}, "left/1": {"33": [3, 4]}, "2.jpg": {"33": [5, 6]}}))
+    found = read_marks(path, ["left/1.jpg", "right/1.jpg", "left/2.jpg", "left/3.jpg"], as_it_is)
+    assert [[face[33].tolist() for face in faces] for faces in found] == [[[3, 4]], [[1, 2]], [[5, 6]], []]
+
+
+def test_marks_belong_to_the_photograph_of_exactly_their_name(tmp_path: Path):
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps({"1.png": {"33": [1, 2]}, "1.jpg": {"33": [3, 4]}}))
+    found = read_marks(path, ["1.jpg", "1.png"], as_it_is)
+    assert [face[33].tolist() for (face,) in found] == [[3, 4], [1, 2]]
+
+
+def test_marks_that_may_be_of_several_photographs_are_refused(tmp_path: Path):
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps({"1.jpg": {"33": [1, 2]}}))
+    with pytest.raises(InputError, match=r"found '1.jpg', which left/1.jpg and right/1.jpg share; write the folder"):
+        read_marks(path, ["left/1.jpg", "right/1.jpg"], as_it_is)
+    path.write_text(json.dumps({"1.jpg": {"33": [1, 2]}, "1": {"33": [3, 4]}}))
+    with pytest.raises(InputError, match=r"landmarks of 1.png once, found '1.jpg' and '1'; remove one"):
+        read_marks(path, ["1.png"], as_it_is)
+
+
 def test_landmarks_follow_the_photograph_to_its_picture(tmp_path: Path):
     path = tmp_path / "marks.json"
     path.write_text(json.dumps({"a.jpg": {"33": [8, 4]}, "b.jpg": {"33": [8, 4]}}))

@@ -110,7 +110,7 @@ def test_reality_capture_looks_where_heading_and_pitch_say(tmp_path: Path):
         (reality_capture(px="4e9"), "expected a centre near the image"),
         (reality_capture(k1="4e9"), "expected distortion of at most 1000"),
         (reality_capture(f="4e12"), "expected a focal length of 0.01 to 10000.0 image widths"),
-        (reality_capture(**{"#name": "A.jpg\0\0"}, f="0"), r"'A.jpg\\x00\\x00': expected finite numbers"),
+        (reality_capture(**{"#name": "\0\0/A.jpg"}, f="0"), r"'\\x00\\x00/A.jpg': expected finite numbers"),
     ],
 )
 def test_wrong_reality_capture_files_are_one_sentence(tmp_path: Path, text: str, complaint: str):
@@ -118,6 +118,16 @@ def test_wrong_reality_capture_files_are_one_sentence(tmp_path: Path, text: str,
     path.write_text(text)
     with pytest.raises(InputError, match=complaint):
         read_cameras(path, [SHOT])
+
+
+def test_reality_capture_names_may_tell_the_time(tmp_path: Path):
+    path = tmp_path / "cameras.csv"
+    head, _, row = reality_capture(f="36").partition("\n")
+    times = ["at 14.30.22", "at 14.30.25"]
+    path.write_text(head + "\n" + "".join(row.replace("A.jpg", time) for time in times))
+    shots = [Photograph(f"{times[0]}.png", f"{times[0]}.jpg", 600, 400)]
+    found = read_cameras(path, [*shots, Photograph(f"{times[1]}.png", f"{times[1]}.jpg", 300, 200)])
+    assert {name: posed.lens.width for name, posed in found.items()} == {times[0]: 600, times[1]: 300}
 
 
 def test_transforms_and_colmap_are_read_as_a_capture_reads_them(tmp_path: Path):

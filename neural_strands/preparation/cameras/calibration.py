@@ -19,6 +19,7 @@ from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera, rigid_inverse
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
+from neural_strands.preparation.photographs.names import stem_of
 from neural_strands.preparation.stage import ADVICE
 
 POINTS = "points.npz"
@@ -170,9 +171,8 @@ def rigid_pose(camera_to_world: np.ndarray, source: str) -> np.ndarray:
 
 def find_lens(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLens | None:
     """Find the camera of a photograph by the name of its source, its present one, or the first without its suffix."""
-    # A name without a suffix may itself contain dots, as those that tell the time do.
-    stems = {Path(name).stem.lower(): name for name in lenses} | {name.lower(): name for name in lenses}
-    names = (photograph.source, photograph.name, stems.get(Path(photograph.source).stem.lower(), ""))
+    stems = {stem_of(name): name for name in lenses}
+    names = (photograph.source, photograph.name, stems.get(stem_of(photograph.source), ""))
     return next((lenses[name] for name in names if name in lenses), None)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from neural_strands.capture.lens import Lens
 from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.preparation.cameras.calibration import PosedLens, rigid_pose
+from neural_strands.preparation.photographs.names import stem_of
 
 FILM_WIDTH = 36.0
 """Longer side of 35 mm film, millimetres, to which focal length and principal point refer."""
@@ -38,12 +39,12 @@ def read_reality_capture(path: Path, sizes: Mapping[str, tuple[int, int]]) -> di
         raise InputError(
             f"{path}: expected RealityCapture's CSV, but it cannot be read as such ({reason(error)}); {ADVICE}."
         ) from error
-    stems = {Path(name).stem.lower(): size for name, size in sizes.items()}
+    stems = {stem_of(name): size for name, size in sizes.items()}
     found = {}
     for row in rows:
         # A row that is too short lacks its last columns.
         name = row["#name"] or ""
-        size = stems.get(Path(name).stem.lower())
+        size = stems.get(stem_of(name))
         if size is not None:
             found[name] = _camera(path, row, size)
     return found

@@ -3,14 +3,14 @@
 import json
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from neural_strands.foundation.errors import InputError, excerpt
 from neural_strands.foundation.json_files import JsonValue, read_json
 from neural_strands.preparation.face.topology import LANDMARKS, NAMED
-from neural_strands.preparation.photographs.folder import SUFFIXES
+from neural_strands.preparation.photographs.names import stem_of
 from neural_strands.preparation.stage import ADVICE
 
 FACES = "faces.json"
@@ -58,7 +58,7 @@ def read_marks(
 
     Args:
         path: the file.
-        names: names of the pictures; the file may omit their suffixes.
+        names: names of the pictures; the file may omit their folders and suffixes.
         to_picture: takes a picture's name and pixels (n, 2) of its photograph to pixels of the picture, which may have
             another size and no distortion.
 
@@ -66,23 +66,32 @@ def read_marks(
         For each picture, a list of one face or of none, in pixels of the picture.
 
     Raises:
-        InputError: the file is malformed, names an unknown landmark, or marks none of the pictures.
+        InputError: the file is malformed, names an unknown landmark, marks none of the pictures, or does not say which.
     """
     marked = parse_marks(path)
-    found = []
-    for name in names:
-        face = marked.get(_stem(name))
-        found.append([] if face is None else [_moved(face, name, to_picture)])
-    if not any(found):
+    marks_of: dict[str, str] = {}
+    for mark in marked:
+        meant = [mark] if mark in names else [name for name in names if _is_same(mark, name)]
+        if len(meant) > 1:
+            raise InputError(
+                f"{path}: expected the name of one photograph, found {excerpt(mark)}, which {meant[0]} and {meant[1]} "
+                "share; write the folder too."
+            )
+        if meant and (other := marks_of.setdefault(meant[0], mark)) != mark:
+            raise InputError(
+                f"{path}: expected the landmarks of {meant[0]} once, found {excerpt(other)} and {excerpt(mark)}; "
+                "remove one."
+            )
+    if not marks_of:
         raise InputError(
             f"{path}: expected landmarks on photographs that have a camera (such as {names[0]}), found them on "
             f"{len(marked)} others; use the photographs' names, or set landmarks on those."
         )
-    return found
+    return [[_moved(marked[marks_of[name]], name, to_picture)] if name in marks_of else [] for name in names]
 
 
 def parse_marks(path: Path) -> dict[str, np.ndarray]:
-    """Read such a file: the landmarks (landmark, 2) of each photograph, by its name in small letters without a suffix.
+    """Read such a file: the landmarks (landmark, 2) of each photograph, by its name in the file.
 
     Photographs without any landmark are left out.
 
@@ -90,13 +99,13 @@ def parse_marks(path: Path) -> dict[str, np.ndarray]:
         InputError: the file is malformed, or names an unknown landmark.
     """
     document = read_json(path, "landmarks, {photograph: {landmark: [x, y]}}")
-    return {_stem(name): _face(marks) for name, marks in document.members().items() if marks.members()}
+    return {name: _face(marks) for name, marks in document.members().items() if marks.members()}
 
 
-def _stem(name: str) -> str:
-    """A photograph's name in small letters, without the suffix of a picture: other dots may be part of the name."""
-    path = Path(name)
-    return (path.stem if path.suffix.lower() in SUFFIXES else path.name).lower()
+def _is_same(mark: str, name: str) -> bool:
+    """Whether a name in a file of landmarks is that of a picture; either may lack folders and suffix."""
+    folders = {str(PurePosixPath(path).parent) for path in (mark, name)} - {"."}
+    return stem_of(mark) == stem_of(name) and len(folders) < 2
 
 
 def _moved(face: np.ndarray, name: str, to_picture: Callable[[str, np.ndarray], np.ndarray]) -> np.ndarray:
