@@ -14,6 +14,8 @@ from torch import Tensor
 from neural_strands.capture.capture import Capture
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
+from neural_strands.preparation.cameras.stored import TURNS, stored_points, upright_pixels
+from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_marks
 from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.crown import raise_skull
@@ -23,7 +25,8 @@ from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.masks.hair import vote_on
 from neural_strands.preparation.masks.zones import ZonedHead
-from neural_strands.preparation.photographs.folder import write_picture
+from neural_strands.preparation.photographs.folder import read_picture, write_picture
+from neural_strands.preparation.photographs.metadata import orientation_of
 from neural_strands.preparation.write_capture import person_scalp
 
 
@@ -59,12 +62,10 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         calibration = _calibration(capture, folder)
-        names = [camera.name or f"{index:04d}" for index, camera in enumerate(capture.cameras)]
         if request.landmarks is not None:
-            lenses = {name: file.lens for name, file in zip(names, capture.files, strict=True)}
-            faces = read_marks(request.landmarks, names, lambda name, pixels: lenses[name].undistort_points(pixels))
+            faces = _marked_faces(capture, request.landmarks)
         else:
-            faces = request.detector.detect(calibration.pictures)
+            faces = _detected_faces(capture, calibration, request.detector, folder)
             say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
         outlines = _person_masks(capture, folder) if request.bend else None
         fitted = fit_head(calibration, faces, _template(request, folder), request.size, outlines, say)
@@ -76,6 +77,36 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
     mesh = fitted.head.mesh
     vertices = back.apply(mesh.vertices.double()).to(mesh.vertices)
     return CaptureHead(replace(mesh, vertices=vertices), scalp, fitted.figures)
+
+
+def _marked_faces(capture: Capture, marks: Path) -> list[list[np.ndarray]]:
+    """Faces in the undistorted photographs, from landmarks set by hand on the upright ones."""
+    names = [camera.name or f"{index:04d}" for index, camera in enumerate(capture.cameras)]
+    files = dict(zip(names, capture.files, strict=True))
+
+    def to_picture(name: str, pixels: np.ndarray) -> np.ndarray:
+        lens = files[name].lens
+        points = stored_points(pixels, (lens.width, lens.height), orientation_of(files[name].image_path))
+        return lens.undistort_points(points)
+
+    return read_marks(marks, names, to_picture)
+
+
+def _detected_faces(
+    capture: Capture, calibration: Calibration, detector: Detector, folder: Path
+) -> list[list[np.ndarray]]:
+    """Faces in the undistorted photographs; the detector sees them upright, because it finds no faces on their side."""
+    orientations = [orientation_of(file.image_path) for file in capture.files]
+    pictures = list(calibration.pictures)
+    for index, orientation in enumerate(orientations):
+        if orientation in TURNS:
+            pictures[index] = folder / f"upright_{index:04d}.png"
+            write_picture(pictures[index], upright_pixels(read_picture(calibration.pictures[index]), orientation))
+    sizes = [(camera.width, camera.height) for camera in capture.cameras]
+    return [
+        [stored_points(face, size, orientation) for face in faces]
+        for faces, size, orientation in zip(detector.detect(pictures), sizes, orientations, strict=True)
+    ]
 
 
 def _template(request: HeadRequest, folder: Path) -> Template:
