@@ -12,6 +12,8 @@ import trimesh
 
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.schedule import ScheduleConfig
+from neural_strands.flow.field import FlowConfig
+from neural_strands.flow.hair_flow import InitialConfig
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import directions
@@ -115,5 +117,7 @@ def tiny_config(**changes) -> FitConfig:
         shape_every=2,
         model=model,
         schedule=ScheduleConfig(widest_blur=2.0, geometry_only=0.5, warmup=2),
+        # An eighth of the voxels of the default: there, tracing takes longer than all steps together.
+        initial=InitialConfig(flow=FlowConfig(spacing=0.004)),
     )
     return replace(config, **changes)
