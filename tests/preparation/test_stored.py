@@ -11,6 +11,7 @@ from PIL import Image
 from neural_strands.capture.lens import Lens
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
+from neural_strands.preparation.cameras.given import read_upright_cameras
 from neural_strands.preparation.cameras.stored import cameras_of_upright, stored_points, turned, upright_pixels
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, read_picture, write_picture
 from neural_strands.preparation.photographs.metadata import ORIENTATION, upright
@@ -108,6 +109,30 @@ def test_a_capture_is_the_same_however_the_phone_was_held(tmp_path: Path, orient
     first, second = (json.loads((tmp_path / out / "transforms.json").read_text()) for out in ("upright", "turned"))
     for one, other in zip(first["frames"], second["frames"], strict=True):
         np.testing.assert_allclose(one["transform_matrix"], other["transform_matrix"], atol=1e-4)
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_reality_capture_sees_pictures_as_they_are_stored(tmp_path: Path, orientation: int):
+    # Its pinhole camera at the origin, pitch 90, looks north (y); 18 mm on 36 mm film are half of the longer side.
+    point = np.array([9.5 / 30, 1.0, -6.5 / 30])
+    picture = np.zeros((40, 60, 3), np.uint8)
+    picture[26, 39] = 255
+    files = [tmp_path / f"{name}.png" for name in "abc"]
+    for file in files:
+        stored(file, picture, orientation)
+    columns = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"
+    rows = [f"{file.name},0,0,0,0,90,0,18,0,0,0,0,0,0,0,0" for file in files]
+    (tmp_path / "cameras.csv").write_text("\n".join([columns, *rows]))
+    out = tmp_path / "out"
+    out.mkdir()
+    shots = import_photographs(files, out, 2048, print)
+    found = read_upright_cameras(tmp_path / "cameras.csv", shots, files)
+    for shot in shots:
+        lens = lens_of(shot, found)
+        assert lens is not None
+        bright = np.argwhere(read_picture(out / shot.name)[..., 0] == 255)
+        column, row = np.floor(image_of(lens, point)).astype(int)
+        assert [[row, column]] == bright.tolist()
 
 
 def test_photographs_of_one_stem_keep_their_own_cameras(tmp_path: Path):

@@ -11,7 +11,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.cameras.calibration import PosedLens
 from neural_strands.preparation.cameras.metashape import read_metashape
 from neural_strands.preparation.cameras.reality_capture import read_reality_capture
-from neural_strands.preparation.cameras.stored import cameras_of_upright
+from neural_strands.preparation.cameras.stored import as_stored, cameras_of_upright
 from neural_strands.preparation.photographs.folder import Photograph
 
 
@@ -26,9 +26,9 @@ def read_upright_cameras(path: Path, photographs: Sequence[Photograph], files: S
     Raises:
         InputError: the file is malformed.
     """
-    lenses = read_cameras(path, photographs)
-    # RealityCapture's file states no sizes, and the upright photographs' have been used.
-    return lenses if path.suffix.lower() == ".csv" else cameras_of_upright(lenses, photographs, files)
+    # RealityCapture ignores EXIF's orientation, and its file states no sizes.
+    lenses = read_cameras(path, as_stored(photographs, files))
+    return cameras_of_upright(lenses, photographs, files)
 
 
 def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, PosedLens]:
@@ -37,7 +37,7 @@ def read_cameras(path: Path, photographs: Sequence[Photograph]) -> dict[str, Pos
     Args:
         path: a folder with a COLMAP model or transforms.json, or a transforms.json, Metashape's XML or
             RealityCapture's CSV.
-        photographs: the photographs that the cameras took.
+        photographs: the photographs that the cameras took, as they are stored.
 
     Raises:
         InputError: the file is none of these, or is malformed.

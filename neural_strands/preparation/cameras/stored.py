@@ -18,6 +18,7 @@ from neural_strands.preparation.photographs.metadata import orientation_of
 
 UPSIDE_DOWN, CLOCKWISE, COUNTER_CLOCKWISE = 3, 6, 8
 """EXIF's orientations of pictures that have to be turned by 180 degrees, or by 90 degrees in a direction."""
+ON_SIDE = (CLOCKWISE, COUNTER_CLOCKWISE)
 TURNS = {
     UPSIDE_DOWN: np.array([[-1.0, 0.0], [0.0, -1.0]]),
     CLOCKWISE: np.array([[0.0, -1.0], [1.0, 0.0]]),
@@ -40,12 +41,25 @@ def cameras_of_upright(
         files: the photographs' files.
     """
     found = {photograph: lens for photograph in photographs if (lens := find_lens(photograph, lenses)) is not None}
-    places = {file.name: file for file in files}
-    held = {shot: orientation_of(places[shot.source]) for shot in found if shot.source in places}
-    on_side = [shot for shot, orientation in held.items() if orientation in (CLOCKWISE, COUNTER_CLOCKWISE)]
+    held = {shot: orientation for shot, orientation in _orientations(photographs, files).items() if shot in found}
+    on_side = [shot for shot, orientation in held.items() if orientation in ON_SIDE]
     if any(_is_upright(shot, found[shot]) for shot in on_side):
         held = {}
     return {shot.source: turned(lens, held.get(shot, 1)) for shot, lens in found.items()}
+
+
+def as_stored(photographs: Sequence[Photograph], files: Sequence[Path]) -> list[Photograph]:
+    """The photographs with the width and height of their files, which may be on their side.
+
+    Args:
+        photographs: the photographs, upright.
+        files: the photographs' files.
+    """
+    held = _orientations(photographs, files)
+    return [
+        replace(shot, width=shot.height, height=shot.width) if held.get(shot) in ON_SIDE else shot
+        for shot in photographs
+    ]
 
 
 def turned(posed: PosedLens, orientation: int) -> PosedLens:
@@ -82,6 +96,12 @@ def stored_points(points: np.ndarray, size: tuple[int, int], orientation: int) -
     """Where pixels (n, 2) of the picture that `upright_pixels` made are in the stored picture of width and height."""
     turn = TURNS.get(orientation, np.eye(2))
     return (points - np.abs(turn) @ size / 2) @ turn + np.array(size) / 2
+
+
+def _orientations(photographs: Sequence[Photograph], files: Sequence[Path]) -> dict[Photograph, int]:
+    """EXIF's orientation of each photograph that is a file; frames of a video are none."""
+    places = {file.name: file for file in files}
+    return {shot: orientation_of(places[shot.source]) for shot in photographs if shot.source in places}
 
 
 def _is_upright(photograph: Photograph, posed: PosedLens) -> bool:
