@@ -11,6 +11,7 @@ from neural_strands.capture.images import reduced
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, write_list, write_picture
+from neural_strands.preparation.photographs.hdr import hdr_transfer
 
 SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 """Suffixes of videos, in upper or lower case."""
@@ -56,6 +57,12 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
         )
     write_list(out, photographs)
     say(f"{len(photographs)} of {number} frames taken, the sharpest of each interval.")
+    transfer = hdr_transfer(path)
+    if transfer is not None:
+        say(
+            f"{path.name}: expected a video of standard dynamic range, found HDR ({transfer}), whose frames come out "
+            "flat and pale; convert it to SDR, or record with HDR switched off, for true colours."
+        )
     return photographs
 
 
