@@ -66,7 +66,8 @@ def read_groom(path: Path | str) -> Groom:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: expected a groom file, found {'a folder' if path.is_dir() else 'nothing'} there.")
+        found = "a folder there; name a file in it" if path.is_dir() else "nothing there; check the path"
+        raise InputError(f"{path}: expected a groom file, found {found}.")
     return READERS[_suffix(path)](path)
 
 
@@ -95,5 +96,7 @@ def check_suffix(path: Path | str) -> None:
 def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in READERS:
-        raise InputError(f"{path}: expected a groom with one of {', '.join(READERS)}, found {suffix or 'no suffix'}.")
+        raise InputError(
+            f"{path}: expected a groom with one of {', '.join(READERS)}, found {suffix or 'no suffix'}; choose one."
+        )
     return suffix

@@ -87,7 +87,7 @@ def test_real_colour(shared_data: Path):
 
 def test_unknown_suffix_names_those_there_are(tmp_path: Path):
     (tmp_path / "a.abc").write_bytes(b"x")
-    with pytest.raises(InputError, match=r"a\.abc: expected a groom with one of \.hair, .*found \.abc"):
+    with pytest.raises(InputError, match=r"a\.abc: expected a groom with one of \.hair, .*found \.abc; choose one"):
         read_groom(tmp_path / "a.abc")
     with pytest.raises(InputError, match="no suffix"):
         check_suffix(tmp_path / "a")
@@ -96,7 +96,7 @@ def test_unknown_suffix_names_those_there_are(tmp_path: Path):
 def test_missing_file_and_folder(tmp_path: Path):
     with pytest.raises(InputError, match="found nothing there"):
         read_groom(tmp_path / "none.hair")
-    with pytest.raises(InputError, match="found a folder there"):
+    with pytest.raises(InputError, match="found a folder there; name a file in it"):
         read_groom(tmp_path)
 
 

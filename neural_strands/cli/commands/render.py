@@ -14,6 +14,7 @@ import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.cli.streams import print_json
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
 
@@ -57,7 +58,7 @@ class Render:
     """Only the hair, with its opacity in the alpha channel, instead of hair over body and background."""
     points: int | None = None
     """Points per strand. Default: those of the model."""
-    fps: float = 30.0
+    fps: Annotated[float, Between(1.0, 240.0)] = 30.0
     """Frames per second of a video; hair in the wind uses those of the wind."""
     device: DeviceName = "auto"
     """Where to compute."""
