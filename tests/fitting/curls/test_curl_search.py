@@ -27,7 +27,7 @@ from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.roots import sample_roots
 
-CONFIG = InitialConfig(flow=FlowConfig(spacing=0.003))
+CONFIG = InitialConfig(flow=FlowConfig(spacing=0.004))
 TRUE = Curl(0.005, 0.03, -1)
 SCALP = torch.from_numpy(ball().triangles_center[:, 1] > 0.02).nonzero()[:, 0]
 SIDE, FOCAL, VIEWS = 256, 420.0, 8
@@ -147,7 +147,7 @@ def test_straight_hair_has_no_curls():
     )
 
 
-@pytest.mark.slow(seconds=50)
+@pytest.mark.slow(seconds=40)
 def test_straight_hair_combed_to_one_side_has_no_curls(curly):
     """Segments that lean like those of curls, but photographs that show straight streaks."""
     axes = hanging_axes(3000)
