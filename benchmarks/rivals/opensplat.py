@@ -49,8 +49,6 @@ LEAST_ROUND = 50
 """Of those in a short run: gradients of fewer views are too noisy to split by."""
 PILOT = 100
 """Number of iterations of the short run that measures the machine's speed."""
-GROWTH = 2.0
-"""How much longer an iteration of a long run takes, which draws more splats."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +117,7 @@ def train(program: Path, scene: Path, splats: Path, log: Path, options: list[str
 def affordable(program: Path, out: Path, minutes: float, views: int) -> int:
     """Estimate the number of iterations that take a given processor time, by a short run."""
     pilot = train(program, out / "scene", out / "pilot.ply", out / "pilot.log", settings(PILOT, views))
-    return max(round(minutes / (GROWTH * pilot.processor_minutes) * PILOT), PILOT)
+    return max(round(minutes / pilot.processor_minutes * PILOT), PILOT)
 
 
 def first_segments(arguments: Arguments, capture: Capture, head: Head, chosen: list[int]) -> LineSegments:
