@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Int64
+from PIL import Image
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
-from neural_strands.preparation.cameras.stored import TURNS, stored_points, upright_pixels
+from neural_strands.preparation.cameras.stored import TURNS, stored_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_marks
 from neural_strands.preparation.head.builtin import builtin_template
@@ -26,7 +27,7 @@ from neural_strands.preparation.head.template import Template, find_landmarks, l
 from neural_strands.preparation.masks.hair import vote_on
 from neural_strands.preparation.masks.zones import ZonedHead
 from neural_strands.preparation.photographs.folder import read_picture, write_picture
-from neural_strands.preparation.photographs.metadata import orientation_of
+from neural_strands.preparation.photographs.metadata import orientation_of, upright
 from neural_strands.preparation.write_capture import person_scalp
 
 
@@ -101,7 +102,8 @@ def _detected_faces(
     for index, orientation in enumerate(orientations):
         if orientation in TURNS:
             pictures[index] = folder / f"upright_{index:04d}.png"
-            write_picture(pictures[index], upright_pixels(read_picture(calibration.pictures[index]), orientation))
+            stored = Image.fromarray(read_picture(calibration.pictures[index]))
+            write_picture(pictures[index], np.asarray(upright(stored, orientation)))
     sizes = [(camera.width, camera.height) for camera in capture.cameras]
     return [
         [stored_points(face, size, orientation) for face in faces]

@@ -26,9 +26,6 @@ TURNS = {
 }
 """Rotations of pixels (right, down) that turn the stored picture upright."""
 
-QUARTERS = {UPSIDE_DOWN: 2, CLOCKWISE: -1, COUNTER_CLOCKWISE: 1}
-"""Quarter turns, counter-clockwise, that turn the stored picture upright."""
-
 
 def cameras_of_upright(
     lenses: Mapping[str, PosedLens], photographs: Sequence[Photograph], files: Sequence[Path]
@@ -87,13 +84,8 @@ def turned(posed: PosedLens, orientation: int) -> PosedLens:
     return PosedLens(whole, pose @ posed.world_to_camera)
 
 
-def upright_pixels(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """A stored picture (height, width, 3), turned as EXIF's orientation says; mirrored pictures stay as they are."""
-    return np.rot90(pixels, QUARTERS.get(orientation, 0))
-
-
 def stored_points(points: np.ndarray, size: tuple[int, int], orientation: int) -> np.ndarray:
-    """Where pixels (n, 2) of the picture that `upright_pixels` made are in the stored picture of width and height."""
+    """Where pixels (n, 2) of the upright picture are in the stored one of width and height; mirrored ones stay."""
     turn = TURNS.get(orientation, np.eye(2))
     return (points - np.abs(turn) @ size / 2) @ turn + np.array(size) / 2
 
