@@ -5,8 +5,10 @@ import dataclasses
 import difflib
 import io
 import re
+import shlex
 import typing
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 import tyro
@@ -16,6 +18,8 @@ from neural_strands.foundation.errors import InputError
 
 C = TypeVar("C")
 
+SUBCOMMANDS = re.compile(r"\[?\{([a-z,-]+)\}\]?$", re.MULTILINE)
+"""The names of subcommands, at the end of the usage line."""
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w.-]*\w")
 """An option's name as help texts write it."""
 MOST_NAMES = 6
@@ -23,7 +27,7 @@ MOST_NAMES = 6
 RULE = re.compile(r"^.*[\u2500-\u257f].*$|^-{4,}$")
 """A line that tyro draws to part a complaint from its title and from advice, in a box or, in ASCII, without one."""
 REWORDED = (
-    (r"Missing from \S+ \S+: (\S+) .*", r"\1: expected a value, found none"),
+    (r"Missing from \S+ \S+(?: \S+)?: (\S+) .*", r"\1: expected a value, found none"),
     (r"Missing value for argument '(\S+)'\. Expected 1 values.*", r"\1: expected a value, found none"),
     (r"Missing value for argument '(\S+)'\. Expected (.+?) values.*", r"\1: expected \2 values, found fewer"),
     (r"invalid choice (.+) for argument '(\S+)'\. Expected one of \((.+)\).*", r"\2: expected one of \3, found \1"),
@@ -61,8 +65,10 @@ def parse(command: type[C], prog: str, words: Sequence[str]) -> C | None:
     except SystemExit as stop:
         if not stop.code:
             return None
-    sentence = _unknown_option(command, prog, words) or _reworded(complaint.getvalue())
-    raise InputError(f"{sentence}; `{prog} --help` lists its options.")
+    known, said = _help(command, prog, words), _said(complaint.getvalue())
+    sentence = _unknown_option(known, words) or _unknown_subcommand(known, said) or _reworded(said)
+    asked = " ".join([prog, *map(shlex.quote, known.subcommand)])
+    raise InputError(f"{sentence}; `{asked} --help` lists its options.")
 
 
 def check_numbers(command: object) -> None:
@@ -84,29 +90,67 @@ def _parse(command: type[C], prog: str, words: Sequence[str]) -> C:
     return tyro.cli(command, prog=prog, args=list(words), config=markers)
 
 
-def _unknown_option(command: type, prog: str, words: Sequence[str]) -> str | None:
-    """What to say about the first option that the command does not have, if there is one."""
-    text = io.StringIO()
+@dataclass(frozen=True)
+class _Help:
+    """What the help texts of a command, and of the subcommand among its words, tell.
+
+    Attributes:
+        options: names of all options.
+        subcommands: names of the command's subcommands.
+        subcommand: the words up to that subcommand; empty if there is none.
+    """
+
+    options: Sequence[str]
+    subcommands: Sequence[str]
+    subcommand: Sequence[str]
+
+
+def _help(command: type, prog: str, words: Sequence[str]) -> _Help:
+    """Read the help texts of a command and of the subcommand among its first words."""
     plain = [word for word in words if not word.startswith("-")]
-    # A subcommand among the first words has options of its own.
-    for named in (plain[:end] for end in range(min(len(plain), MOST_NAMES) + 1)):
+    texts = []
+    for end in range(min(len(plain), MOST_NAMES) + 1):
+        text = io.StringIO()
         with (
             contextlib.redirect_stdout(text),
             contextlib.redirect_stderr(io.StringIO()),
             contextlib.suppress(SystemExit),
         ):
-            _parse(command, prog, [*named, "--help"])
-    known = sorted(set(OPTION.findall(text.getvalue())))
+            _parse(command, prog, [*plain[:end], "--help"])
+        texts.append(text.getvalue())
+    choices = SUBCOMMANDS.search(texts[0])
+    subcommands = choices[1].split(",") if choices else []
+    last = next((end for end in range(1, len(texts)) if plain[end - 1] in subcommands and texts[end] != texts[0]), 0)
+    return _Help(sorted({name for text in texts for name in OPTION.findall(text)}), subcommands, plain[:last])
+
+
+def _unknown_option(known: _Help, words: Sequence[str]) -> str | None:
+    """What to say about the first option that the command does not have, if there is one."""
     for word in words:
         name = word.partition("=")[0].replace("_", "-")
-        if name.startswith("--") and len(name) > 2 and name not in known:
-            near = difflib.get_close_matches(name, known, 1, 0)
+        if name.startswith("--") and len(name) > 2 and name not in known.options:
+            near = difflib.get_close_matches(name, known.options, 1, 0)
             return f"{name}: expected an option such as {near[0]}, found none of that name"
     return None
 
 
-def _reworded(complaint: str) -> str:
-    """What stands between the first two rules that tyro drew, in the words of this program."""
+def _unknown_subcommand(known: _Help, said: str) -> str | None:
+    """What to say about a word where a subcommand could stand, if tyro complains of it."""
+    left = re.fullmatch(r"Unrecognized options: (\S+).*", said)
+    if left is None or known.subcommand or not known.subcommands:
+        return None
+    return f"{left[1]}: expected one of {', '.join(known.subcommands)}, found none of that name"
+
+
+def _reworded(said: str) -> str:
+    """What tyro said, in the words of this program."""
+    for pattern, words in REWORDED:
+        said = re.sub(pattern, words, said)
+    return said
+
+
+def _said(complaint: str) -> str:
+    """What stands between the first two rules that tyro drew."""
     parts: list[list[str]] = [[]]
     for line in complaint.splitlines():
         inner = line.strip(" │")
@@ -114,7 +158,4 @@ def _reworded(complaint: str) -> str:
             parts.append([])
         else:
             parts[-1].append(inner)
-    said = " ".join(" ".join(parts[1] if len(parts) > 1 else parts[0]).split()).rstrip(".")
-    for pattern, words in REWORDED:
-        said = re.sub(pattern, words, said)
-    return said
+    return " ".join(" ".join(parts[1] if len(parts) > 1 else parts[0]).split()).rstrip(".")

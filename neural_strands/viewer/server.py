@@ -105,7 +105,7 @@ def free_port(host: str, port: int) -> int:
         InputError: the address is not one of this machine, or no such port is free or allowed.
     """
     if not 0 <= port <= LAST_PORT:
-        raise InputError(f"--port: expected a number from 0 to {LAST_PORT}, found {port}.")
+        raise InputError(f"--port: expected a number from 0 to {LAST_PORT}, found {port}; give another.")
     for tried in range(port, min(port + PORTS_TRIED, LAST_PORT + 1)):
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, tried, type=socket.SOCK_STREAM)[0]

@@ -69,6 +69,11 @@ def test_version(capsys: pytest.CaptureFixture):
         ("fit a b --steps x", "--steps: expected a whole number, found 'x'"),
         ("fit a b --minutes x", "--minutes: expected a number, found 'x'"),
         ("fit a b --preset slow", "--preset: expected one of 'demo', 'fast', 'paper', found 'slow'"),
+        ("edit a b density", "--strands: expected a value, found none"),
+        ("edit a b blow", "blow: expected one of haircut, density, "),
+        ("edit a b haircut --length 1 more", "more: expected no further words"),
+        ("synthesize a --views 0", "--views: expected a whole number from 1 to 100000, found 0"),
+        ("render m --out x --turntable 0", "--turntable: expected a whole number from 1 to 100000, found 0"),
         ("lmvs a b --up 1 2", "--up: expected 3 values, found fewer"),
         ("render m --out x --size 3", "--size: expected INT INT, found '3'"),
     ],
@@ -80,6 +85,14 @@ def test_wrong_words_are_one_sentence(words: str, sentence: str, capsys: pytest.
     assert err.startswith(f"neural-strands: {sentence}")
     assert err.endswith(".\n")
     assert err.count("\n") == 1
+
+
+def test_a_subcommand_has_its_own_help(capsys: pytest.CaptureFixture):
+    _, _, err = run(["edit", "a", "b", "wind", "--foo"], capsys)
+    assert err == (
+        "neural-strands: --foo: expected an option such as --fps, found none of that name; "
+        "`neural-strands edit a b wind --help` lists its options.\n"
+    )
 
 
 def test_sentences_do_not_depend_on_the_locale():

@@ -50,13 +50,13 @@ class Render:
     """Folder for the images, or a .mp4 file."""
     camera: Path | None = None
     """A transforms.json with the cameras (nerfstudio's format, OpenGL axes)."""
-    turntable: int | None = None
+    turntable: Annotated[int, Between(1, MOST_CAMERAS)] | None = None
     """This many cameras on a circle around the hair, instead of --camera."""
     size: tuple[int, int] | None = None
     """Width and height in pixels. Default: the cameras' own, or 512 512 on the turntable."""
     alpha: bool = False
     """Only the hair, with its opacity in the alpha channel, instead of hair over body and background."""
-    points: int | None = None
+    points: Annotated[int, Between(2, MOST_POINTS)] | None = None
     """Points per strand. Default: those of the model."""
     fps: Annotated[float, Between(1.0, 240.0)] = 30.0
     """Frames per second of a video; hair in the wind uses those of the wind."""
@@ -99,12 +99,11 @@ class Render:
         """Refuse arguments that contradict each other, before anything is loaded."""
         if (self.camera is None) == (self.turntable is None):
             raise InputError("render: expected either --camera or --turntable, found both or neither; give one.")
-        if self.turntable is not None and not 1 <= self.turntable <= MOST_CAMERAS:
-            raise InputError(f"--turntable: expected 1 to {MOST_CAMERAS} cameras, found {self.turntable}.")
         if self.size is not None and not all(1 <= side <= 16384 for side in self.size):
-            raise InputError(f"--size: expected width and height from 1 to 16384 pixels, found {self.size}.")
-        if self.points is not None and not 2 <= self.points <= MOST_POINTS:
-            raise InputError(f"--points: expected 2 to {MOST_POINTS} points per strand, found {self.points}.")
+            width, height = self.size
+            raise InputError(
+                f"--size: expected width and height from 1 to 16384 pixels, found {width} {height}; give another size."
+            )
         kind, _ = mimetypes.guess_type(self.out.name)
         if kind is not None and kind.startswith(("video/", "image/")) and self.out.suffix.lower() not in VIDEO_SUFFIXES:
             raise InputError(
@@ -144,7 +143,7 @@ class Render:
                 raise InputError("--turntable: expected a model with strands to turn around, found none; use --camera.")
             return turntable_cameras(strands.points, self.turntable or 1, self.size or (512, 512))
         if not self.camera.is_file():
-            raise InputError(f"{self.camera}: expected a transforms.json with cameras, found no file.")
+            raise InputError(f"{self.camera}: expected a transforms.json with cameras, found no file; check the path.")
         cameras = [view.camera for view in read_transforms(self.camera)]
         return cameras if self.size is None else [camera.resized(*self.size) for camera in cameras]
 

@@ -30,7 +30,7 @@ class Synthesize:
     """Style of the procedural groom."""
     colour: Literal["black", "brown", "auburn", "blond", "grey"] = "brown"
     """Pigment of the hair."""
-    strands: int = 10_000
+    strands: Annotated[int, Between(100, 1_000_000)] = 10_000
     """Strands of the procedural groom (100 to 1,000,000)."""
     groom: Path | None = None
     """Your own groom instead (any format of `convert`, metres, y up); needs --head."""
@@ -39,9 +39,9 @@ class Synthesize:
     scalp: Path | None = None
     """Where hair grows on --head: a chart, a face or vertex list, or a mask image. Default: scalp_faces.json beside the
     mesh; without that, the scalp is found from the shape."""
-    views: int = 24
+    views: Annotated[int, Between(1, 100_000)] = 24
     """Number of cameras."""
-    resolution: int = 256
+    resolution: Annotated[int, Between(8, 8192)] = 256
     """Width and height of the pictures (pixels)."""
     distance: float = 1.0
     """Distance of the cameras from the middle of the hair (m)."""
