@@ -52,6 +52,9 @@ FIRST_INSET = 0.004
 """Depth of the axes below the surface of the hair while the radius is unknown, metres."""
 LEVEL = 0.8
 """Places where the surface of the hair is more level than this (vertical part of its normal) do not show gravity."""
+FOR_SIZE, FOR_CURLINESS = 1.0, 0.25
+"""Weight of the repetition of textures against their lean: for the size of curls, and for whether there are any. Curls
+of several sizes may have the same lean, but noise hides how they repeat."""
 ALIKE = 0.15
 """Textures that differ by less than this are alike."""
 MOST_WORSE = 0.1
@@ -152,8 +155,9 @@ def find_curls(
     traced = trace_hair(axes, plain[::every, 0], scalp_normals[::every], config.trace).points
     turn = -round(math.copysign(1, lean.angle))
     comparison = Comparison.along(traced, photographs(views))
-    curl, difference = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
-    plainly = comparison.of(plain[::every]).difference(comparison.seen)
+    curl, drawn = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
+    difference = drawn.difference(comparison.seen, FOR_CURLINESS)
+    plainly = comparison.of(plain[::every]).difference(comparison.seen, FOR_CURLINESS)
     if difference > plainly + (MOST_WORSE if plainly > ALIKE else 0.0):
         return None
     if abs(curl.radius - FIRST_INSET) > room.grid.spacing:
@@ -216,8 +220,8 @@ def photographs(views: Views) -> Photographs:
 
 def closest_curl(
     comparison: "Comparison", normals: Float[Tensor, "strand 3"], turn: int, config: CurlConfig
-) -> tuple[Curl, float]:
-    """The curl whose drawing has the texture closest to the photographs', and how much the two differ.
+) -> tuple[Curl, Texture]:
+    """The curl whose drawing has the texture closest to the photographs', and that texture.
 
     Args:
         comparison: the photographs, and strands along the axes of the curls.
@@ -237,9 +241,9 @@ def closest_curl(
     seen = comparison.seen
     # The lean depends on the slope and hardly on the pitch, so the two can be searched in turn.
     slope = min(SLOPES, key=lambda slope: texture(slope, PITCHES[len(PITCHES) // 2]).lean_difference(seen))
-    pitch = min(PITCHES, key=lambda pitch: texture(slope, pitch).difference(seen))
-    slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen))
-    return Curl(slope * pitch / (2 * math.pi), pitch, turn), texture(slope, pitch).difference(seen)
+    pitch = min(PITCHES, key=lambda pitch: texture(slope, pitch).difference(seen, FOR_SIZE))
+    slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen, FOR_SIZE))
+    return Curl(slope * pitch / (2 * math.pi), pitch, turn), texture(slope, pitch)
 
 
 def _is_strong(lean: Lean, config: CurlConfig) -> bool:

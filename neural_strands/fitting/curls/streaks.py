@@ -36,8 +36,8 @@ BLUR = 1.5
 """Standard deviation of the blur of histograms that are compared, bins."""
 NEAREST_LAG = 5
 """Index of the first lag at which repetition is compared; nearer pixels are alike in any hair."""
-REPETITION = 0.25
-"""Weight of the repetition against the lean."""
+TREND = 4.0
+"""Standard deviation of the blur that tells turns from the slow decay of the repetition, lags."""
 
 
 @dataclass(frozen=True)
@@ -67,22 +67,27 @@ class Texture:
     lean: Float[Tensor, " bin"]
     repetition: Float[Tensor, " lag"]
 
-    def difference(self, other: "Texture") -> float:
-        """How much two textures differ: 0 if they are the same; about 1 for straight and curly hair."""
-        # Where turns follow each other counts, but not how regular they are, nor how far locks look alike.
-        alike = functional.cosine_similarity(self._turns(), other._turns(), dim=0)
-        return self.lean_difference(other) + REPETITION * (1 - float(alike))
+    def difference(self, other: "Texture", repetition: float) -> float:
+        """How much two textures differ, 0 if they are the same; `repetition` is its weight against the lean."""
+        return self.lean_difference(other) + repetition * self.repetition_difference(other)
 
     def lean_difference(self, other: "Texture") -> float:
         """Share of the streaks that would have to lean otherwise, from 0 to 1."""
         mine, its = (gaussian_blur(texture.lean[None], BLUR)[0] for texture in (self, other))
         return 0.5 * float((mine - its).abs().sum())
 
+    def repetition_difference(self, other: "Texture") -> float:
+        """How differently turns follow each other: 0 if alike, 1 if unrelated, 2 if opposite."""
+        # How regular turns are does not count, nor how far locks look alike.
+        return 1 - float(functional.cosine_similarity(self._turns(), other._turns(), dim=0))
+
     def _turns(self) -> Float[Tensor, " far"]:
-        """The repetition beyond `NEAREST_LAG` without its linear trend."""
-        far = self.repetition[NEAREST_LAG:].double()
-        line = torch.stack([torch.ones_like(far), torch.linspace(-1, 1, len(far)).to(far)], dim=1)
-        return far - line @ torch.linalg.lstsq(line, far[:, None]).solution[:, 0]
+        """The repetition beyond `NEAREST_LAG` without its slow decay."""
+        repetition = self.repetition.double()
+        place = torch.arange(len(repetition)).to(repetition)
+        blur = torch.exp(-0.5 * ((place[:, None] - place) / TREND).square())
+        slow = blur @ repetition / blur.sum(dim=1)
+        return (repetition - slow)[NEAREST_LAG:]
 
 
 def course_of(axes: Float[Tensor, "strand point 3"], camera: Camera) -> Course:

@@ -1,6 +1,7 @@
 """Curls are found in drawn photographs of curly hair, and in those of straight hair none."""
 
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -129,6 +130,9 @@ def test_first_strands_of_curly_hair_curl_and_say_so(curly, tmp_path):
     (said,) = heard
     assert said.startswith("curly hair: radius ")
     assert said.endswith("left-handed")
+    radius, pitch = (float(number) / 1000 for number in re.findall(r"([\d.]+) mm", said))
+    assert pitch == pytest.approx(TRUE.pitch, rel=0.25)
+    assert radius == pytest.approx(TRUE.radius, rel=0.4)
     turning = torch.linalg.cross(segments(found.points)[:, :-1], segments(found.points)[:, 1:])
     # Curls turn on by more than half a circle every pitch; straight hair hardly turns at all.
     turned = (turning.norm(dim=-1) / segments(found.points)[:, 1:].square().sum(dim=-1)).sum(dim=1)

@@ -100,11 +100,25 @@ def test_the_same_texture_does_not_differ(course):
     fine, coarse = (
         texture(curled(axes, normals, phase, Curl(0.2 * pitch, pitch, 1)), course) for pitch in (0.02, 0.035)
     )
-    assert fine.difference(fine) == pytest.approx(0, abs=1e-6)
-    assert fine.difference(coarse) == pytest.approx(coarse.difference(fine), abs=1e-6)
-    assert fine.difference(coarse) > 0.2
+    assert fine.difference(fine, 1.0) == pytest.approx(0, abs=1e-6)
+    assert fine.difference(coarse, 1.0) == pytest.approx(coarse.difference(fine, 1.0), abs=1e-6)
+    assert fine.difference(coarse, 1.0) > 0.5
+    assert fine.difference(coarse, 0.0) == fine.lean_difference(coarse)
     assert fine.lean_difference(coarse) < 0.2
     assert fine.lean_difference(texture(axes, course)) > 0.6
+
+
+def test_how_far_locks_look_alike_and_how_regular_turns_are_does_not_count():
+    lags = torch.tensor(LAGS)
+
+    def repeating(pitch: float, decay: float, strength: float) -> Texture:
+        turns = strength * torch.cos(2 * math.pi * lags / pitch)
+        return Texture(torch.zeros(BINS), (1 - strength) * torch.exp(-lags / decay) + turns)
+
+    regular = repeating(0.03, 0.05, 0.2)
+    assert regular.repetition_difference(repeating(0.03, 0.1, 0.1)) < 0.1
+    assert regular.repetition_difference(repeating(0.064, 0.05, 0.2)) > 0.5
+    assert regular.repetition_difference(repeating(0.02, 0.05, 0.2)) > 0.8
 
 
 def test_only_pixels_of_hair_count(course):
