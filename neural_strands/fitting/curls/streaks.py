@@ -20,7 +20,7 @@ from neural_strands.raster.lines import rasterise_lines
 
 BINS = 36
 """Bins of the histogram of leans, over half a circle."""
-LAGS = tuple(0.002 * k for k in range(32))
+LAGS = tuple(0.002 * k for k in range(44))
 """Distances along the hair at which the texture is compared with itself, metres."""
 SMOOTH = 3.0
 """Standard deviation of the blur of the drawn course, pixels."""
@@ -34,8 +34,8 @@ NEARBY = 21
 """Window in which the foremost hair is searched, in pixels of the drawing."""
 BLUR = 1.5
 """Standard deviation of the blur of histograms that are compared, bins."""
-NEAREST_LAG = 5
-"""Index of the first lag at which repetition is compared; nearer pixels are alike in any hair."""
+COMPARED_LAGS = slice(5, 36)
+"""Lags at which repetition is compared: nearer pixels are alike in any hair, and farther on the decay is uncertain."""
 TREND = 4.0
 """Standard deviation of the blur that tells turns from the slow decay of the repetition, lags."""
 
@@ -81,13 +81,13 @@ class Texture:
         # How regular turns are does not count, nor how far locks look alike.
         return 1 - float(functional.cosine_similarity(self._turns(), other._turns(), dim=0))
 
-    def _turns(self) -> Float[Tensor, " far"]:
-        """The repetition beyond `NEAREST_LAG` without its slow decay."""
+    def _turns(self) -> Float[Tensor, " compared"]:
+        """The repetition at `COMPARED_LAGS` without its slow decay."""
         repetition = self.repetition.double()
         place = torch.arange(len(repetition)).to(repetition)
         blur = torch.exp(-0.5 * ((place[:, None] - place) / TREND).square())
         slow = blur @ repetition / blur.sum(dim=1)
-        return (repetition - slow)[NEAREST_LAG:]
+        return (repetition - slow)[COMPARED_LAGS]
 
 
 def course_of(axes: Float[Tensor, "strand point 3"], camera: Camera) -> Course:
