@@ -86,11 +86,12 @@ def trace_first_strands(
     room = hair_room(segments, views, head.mesh, roots.position, config, distance)
     flow = hair_flow(room, segments, roots.position, roots.normal, config)
     plain = trace_hair(flow, roots.position, roots.normal, config.trace)
-    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config)
+    found = find_curls(room, segments, views, flow, plain.points, roots.normal, head.scalp_faces, config)
     if found is None:
         return plain
-    curl, hand = found.curl, "right" if found.curl.turn > 0 else "left"
-    say(f"curly hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {hand}-handed")
+    curl = found.curl
+    kind, turn = {1: ("curly", "right-handed"), -1: ("curly", "left-handed"), 0: ("wavy", "either way")}[curl.turn]
+    say(f"{kind} hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {turn}")
     return curl_strands(found, roots.position, roots.normal, distance, config)
 
 

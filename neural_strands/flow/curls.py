@@ -36,12 +36,14 @@ class Curl:
     Attributes:
         radius: distance from the axis, metres.
         pitch: length of a turn along the axis, metres.
-        turn: 1 if right-handed, -1 if left-handed.
+        turn: 1 if right-handed, -1 if left-handed, 0 if some locks turn one way and some the other.
+        roundness: radius away from the scalp as a share of that sideways: 1 for a helix, less for waves.
     """
 
     radius: float
     pitch: float
     turn: int
+    roundness: float = 1.0
 
     @property
     def slope(self) -> float:
@@ -63,6 +65,33 @@ class CurlConfig:
     """`ConservationConfig.way_out` for axes of curls, which rarely end at the side of the hair."""
     lock: Annotated[float, Between(1e-4, 1)] = 0.014
     """Distance on the scalp between locks of hair that curl in phase, metres."""
+
+
+@dataclass(frozen=True)
+class Locks:
+    """How each strand's lock curls; locks are independent of each other.
+
+    Attributes:
+        phase: angle at which the strand starts, radians.
+        turn: 1 or -1, the handedness where locks of one head differ in it.
+    """
+
+    phase: Float[Tensor, " strand"]
+    turn: Float[Tensor, " strand"]
+
+    @classmethod
+    def drawn(cls, roots: Float[Tensor, "strand 3"], spacing: float) -> "Locks":
+        """Draw a phase and a handedness for each lock: roots with the same nearest centre.
+
+        Args:
+            roots: positions on the scalp, metres.
+            spacing: distance between the centres of locks, metres.
+        """
+        random = torch.Generator().manual_seed(0)
+        lock = assign_locks(roots.cpu(), spacing, random)
+        phase = (2 * math.pi * torch.rand(len(roots), generator=random))[lock]
+        turn = torch.where(torch.rand(len(roots), generator=random) < 0.5, -1.0, 1.0)[lock]
+        return cls(phase.to(roots), turn.to(roots))
 
 
 @dataclass(frozen=True)
@@ -116,7 +145,7 @@ def turned_back(segments: LineSegments, field: FlowField, lean: float) -> LineSe
 def curled(
     axes: Float[Tensor, "strand point 3"],
     normals: Float[Tensor, "strand 3"],
-    phase: Float[Tensor, " strand"],
+    locks: Locks,
     curl: Curl,
     distance: SignedDistanceGrid | None = None,
 ) -> Float[Tensor, "strand dense 3"]:
@@ -125,8 +154,8 @@ def curled(
     Args:
         axes: polylines, root first.
         normals: outward unit normals at the roots.
-        phase: angle at which each strand starts, radians.
-        curl: radius, pitch and handedness.
+        locks: in which phase each strand curls, and to which side if the curl itself turns to none.
+        curl: radius, pitch, handedness and roundness.
         distance: signed distance to the head; strands are lifted off it by as much as their curls would enter it.
     """
     longest = float(lengths_along(axes)[:, -1].max())
@@ -134,7 +163,8 @@ def curled(
     dense = resample_polyline_lengths(axes, count)
     turns = lengths_along(dense) / curl.pitch
     radius = curl.radius * smoothstep(turns)
-    points = wound(dense, normals, radius, phase[:, None] + curl.turn * 2 * math.pi * turns)
+    turn = locks.turn[:, None] if curl.turn == 0 else curl.turn
+    points = wound(dense, normals, radius, locks.phase[:, None] + turn * 2 * math.pi * turns, curl.roundness)
     if distance is None:
         return points
     height, outward = distance.with_outward(dense)
@@ -160,18 +190,6 @@ def wound(
     """
     offset = torch.stack([radius * angle.cos(), roundness * radius * angle.sin()], dim=-1)
     return axes + (strand_frames(axes, normals)[..., :2] @ offset[..., None]).squeeze(-1)
-
-
-def lock_phases(roots: Float[Tensor, "strand 3"], spacing: float) -> Float[Tensor, " strand"]:
-    """A random angle, radians, for each lock of hair: roots with the same nearest centre.
-
-    Args:
-        roots: positions on the scalp, metres.
-        spacing: distance between the centres of locks, metres.
-    """
-    random = torch.Generator().manual_seed(0)
-    lock = assign_locks(roots.cpu(), spacing, random)
-    return (2 * math.pi * torch.rand(len(roots), generator=random))[lock].to(roots)
 
 
 def _in_surface(vectors: Float[Tensor, "point 3"], normals: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from neural_strands.flow.curls import Curl, curled, lock_phases, mean_lean, turned_back, wound
+from neural_strands.flow.curls import Curl, Locks, curled, mean_lean, turned_back, wound
 from neural_strands.flow.field import FlowField
 from neural_strands.flow.surface import surface_normals
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
@@ -55,12 +55,22 @@ def test_flat_waves_stay_in_a_plane():
 def test_curls_start_at_the_root_and_have_points_enough():
     curl, normals = Curl(0.005, 0.02, 1), torch.tensor([0.0, 0.0, 1.0]).expand(4, 3)
     axes = straight(4, 0.24, points=100)
-    found = curled(axes, normals, torch.linspace(0, 6, 4), curl)
+    found = curled(axes, normals, Locks(torch.linspace(0, 6, 4), torch.ones(4)), curl)
     assert torch.allclose(found[:, 0], axes[:, 0], atol=1e-6)
     assert found.shape[1] >= 12 * 12
     away = (found - found * torch.tensor([0.0, 1.0, 0.0]) - axes[:, :1]).norm(dim=-1)
     assert torch.allclose(away[:, -20:], torch.full((4, 20), 0.005), atol=1e-5)
     assert curl.slope == pytest.approx(math.tan(math.radians(57.52)), rel=1e-3)
+
+
+def test_curls_without_a_side_turn_as_their_locks_do():
+    axes, normals = straight(2, 0.1), torch.tensor([0.0, 0.0, 1.0]).expand(2, 3)
+    locks = Locks(torch.zeros(2), torch.tensor([1.0, -1.0]))
+    either = curled(axes, normals, locks, Curl(0.004, 0.02, 0, 0.5))
+    for strand, turn in enumerate((1, -1)):
+        assert torch.equal(either[strand], curled(axes, normals, locks, Curl(0.004, 0.02, turn, 0.5))[strand])
+    deviation = (either - straight(2, 0.1, points=either.shape[1]))[:, -40:].abs().amax(dim=(0, 1))
+    assert float(deviation[2]) == pytest.approx(0.5 * float(deviation[0]), rel=0.02)
 
 
 def test_curls_keep_off_the_head():
@@ -70,10 +80,10 @@ def test_curls_keep_off_the_head():
     wall = Mesh(box, torch.tensor([*faces, [3, 6, 7], [3, 7, 0], [0, 7, 4]]))
     distance = SignedDistanceGrid.build(wall, 0.05, 0.1)
     axes, normals = straight(5, 0.2) - torch.tensor([0.0, 0.0, 0.008]), torch.tensor([0.0, 0.0, 1.0]).expand(5, 3)
-    phase = torch.linspace(0, 2 * math.pi, 5)
+    locks = Locks(torch.linspace(0, 2 * math.pi, 5), torch.ones(5))
     curl = Curl(0.006, 0.03, -1)
-    assert (curled(axes, normals, phase, curl)[..., 2] < -0.0101).any()
-    assert (curled(axes, normals, phase, curl, distance)[..., 2] > -0.0101).all()
+    assert (curled(axes, normals, locks, curl)[..., 2] < -0.0101).any()
+    assert (curled(axes, normals, locks, curl, distance)[..., 2] > -0.0101).all()
 
 
 @pytest.mark.parametrize("degrees", [-50.0, 0.0, 35.0])
@@ -135,8 +145,12 @@ def test_visible_tangents_of_curls_lean_and_turn_back_to_the_axes():
 def test_locks_curl_in_phase():
     random = torch.Generator().manual_seed(0)
     roots = 0.1 * torch.rand(3000, 3, generator=random) * torch.tensor([1.0, 0.0, 1.0])
-    phase = lock_phases(roots, 0.02)
-    assert torch.equal(phase, lock_phases(roots, 0.02))
+    locks, again = Locks.drawn(roots, 0.02), Locks.drawn(roots, 0.02)
+    phase = locks.phase
+    assert torch.equal(phase, again.phase)
+    assert torch.equal(locks.turn, again.turn)
+    assert 0.2 < (locks.turn > 0).float().mean() < 0.8
+    assert all(len(locks.turn[phase == each].unique()) == 1 for each in phase.unique())
     assert (phase >= 0).all()
     assert (phase < 2 * math.pi).all()
     assert 10 < len(phase.unique()) < 100

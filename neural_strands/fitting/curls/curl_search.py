@@ -1,9 +1,13 @@
 """Find out whether hair is curly, and how large its curls are, by drawing it (analysis by synthesis).
 
-Segments that all lean to one side of the hair's hanging course are the first sign of curls. Turned back, they show the
-course of the curls' axes. Strands along it are then wound with many radii and pitches, drawn, and compared with the
-photographs by their texture. The hair is curly unless strands that follow the segments as they are look clearly more
-like the photographs.
+Segments that all lean to one side of the hair's hanging course are the first sign of curls that turn alike. Turned
+back, they show the course of the curls' axes. Strands along it are then wound with many radii and pitches, drawn, and
+compared with the photographs by their texture. The hair is curly unless strands that follow the segments as they are
+look clearly more like the photographs.
+
+Hair whose segments do not lean may be wavy, or its locks may turn either way: leans to both sides cancel out, and
+strands that follow the segments are the axes. Then the streaks of photographs lean off these strands, drawn as they
+are, far more than the streaks of straight hair.
 """
 
 import math
@@ -20,8 +24,8 @@ from neural_strands.flow.curls import (
     Curl,
     CurlConfig,
     Lean,
+    Locks,
     curled,
-    lock_phases,
     mean_lean,
     turned_back,
 )
@@ -57,6 +61,12 @@ FOR_SIZE, FOR_CURLINESS = 1.0, 0.25
 of several sizes may have the same lean, but noise hides how they repeat."""
 ALIKE = 0.15
 """Textures that differ by less than this are alike."""
+WAVY = 0.25
+"""Hair may be wavy if more of its streaks than this lean otherwise than those of strands along the segments."""
+WAVE_ROUNDNESS = 0.5
+"""Roundness of waves."""
+CLEARLY = 0.6
+"""Waves must reduce the share of such streaks to this factor at most."""
 MOST_WORSE = 0.1
 """By how much the texture of curls may differ more from the photographs than that of strands along the segments, if
 neither is alike: noise hides curls, and hair that leans to one side all around the head is nearly always curly."""
@@ -123,24 +133,60 @@ def find_curls(
     room: HairRoom,
     segments: LineSegments,
     views: Views,
+    flow: FlowField,
     plain: Float[Tensor, "root point 3"],
     scalp_normals: Float[Tensor, "root 3"],
     scalp_faces: Int64[Tensor, " scalp"],
     config: InitialConfig,
 ) -> FoundCurls | None:
-    """Look for curls that all turn alike; None if the hair is not curly, or if no view has a hair mask.
+    """Look for curls that all turn alike, then for waves; None if there are neither, or if no view has a hair mask.
 
     Args:
         room: where hair can be.
         segments: line segments of the hair.
         views: the photographs.
-        plain: strands traced along the segments as they are.
+        flow: the flow along the segments as they are.
+        plain: strands traced through it.
         scalp_normals: outward unit normals at their roots.
         scalp_faces: the faces of the head that hair grows from.
         config: settings of the initial strands.
     """
+    if not config.curls.find or not room.masked:
+        return None
+    seen = photographs(views)
+    helices = _find_helices(room, segments, seen, plain, scalp_normals, scalp_faces, config)
+    return helices or _find_waves(flow, seen, plain, scalp_normals, config.curls)
+
+
+def _find_waves(
+    flow: FlowField,
+    seen: "Photographs",
+    plain: Float[Tensor, "root point 3"],
+    scalp_normals: Float[Tensor, "root 3"],
+    config: CurlConfig,
+) -> FoundCurls | None:
+    """Look for waves about the strands that follow the segments as they are."""
+    every = max(1, math.ceil(len(plain) / MOST_STRANDS))
+    comparison = Comparison.along(plain[::every], seen)
+    plainly = comparison.of(plain[::every]).lean_difference(comparison.seen)
+    if plainly < WAVY:
+        return None
+    curl, drawn = closest_curl(comparison, scalp_normals[::every], 0, config)
+    return FoundCurls(curl, flow) if drawn.lean_difference(comparison.seen) < CLEARLY * plainly else None
+
+
+def _find_helices(
+    room: HairRoom,
+    segments: LineSegments,
+    seen: "Photographs",
+    plain: Float[Tensor, "root point 3"],
+    scalp_normals: Float[Tensor, "root 3"],
+    scalp_faces: Int64[Tensor, " scalp"],
+    config: InitialConfig,
+) -> FoundCurls | None:
+    """Look for curls that all turn alike."""
     kept = segments.select(segments.confidence >= config.flow.least_confidence)
-    if not config.curls.find or not room.masked or not _is_strong(lean_off_gravity(room, kept), config.curls):
+    if not _is_strong(lean_off_gravity(room, kept), config.curls):
         return None
     scalp = plain[:, 0], scalp_normals
     course = hanging_flow(room, kept, *scalp, config)
@@ -154,7 +200,7 @@ def find_curls(
     every = max(1, math.ceil(len(plain) / MOST_STRANDS))
     traced = trace_hair(axes, plain[::every, 0], scalp_normals[::every], config.trace).points
     turn = -round(math.copysign(1, lean.angle))
-    comparison = Comparison.along(traced, photographs(views))
+    comparison = Comparison.along(traced, seen)
     curl, drawn = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
     difference = drawn.difference(comparison.seen, FOR_CURLINESS)
     plainly = comparison.of(plain[::every]).difference(comparison.seen, FOR_CURLINESS)
@@ -182,7 +228,7 @@ def curl_strands(
         config: settings of the initial strands.
     """
     axes = trace_hair(found.axes, roots, normals, config.trace)
-    points = curled(axes.points, normals, lock_phases(roots, config.curls.lock), found.curl, distance)
+    points = curled(axes.points, normals, Locks.drawn(roots, config.curls.lock), found.curl, distance)
     return replace(axes, points=resample_strands(points, config.trace.points))
 
 
@@ -226,16 +272,18 @@ def closest_curl(
     Args:
         comparison: the photographs, and strands along the axes of the curls.
         normals: outward unit normals at the roots of those strands.
-        turn: handedness of the curls.
+        turn: handedness of the curls; 0 for waves.
         config: size of the locks that curl in phase.
     """
-    phase = lock_phases(comparison.axes[:, 0], config.lock)
+    locks = Locks.drawn(comparison.axes[:, 0], config.lock)
     tried: dict[tuple[float, float], Texture] = {}
+
+    def size(slope: float, pitch: float) -> Curl:
+        return Curl(slope * pitch / (2 * math.pi), pitch, turn, 1.0 if turn else WAVE_ROUNDNESS)
 
     def texture(slope: float, pitch: float) -> Texture:
         if (slope, pitch) not in tried:
-            curl = Curl(slope * pitch / (2 * math.pi), pitch, turn)
-            tried[slope, pitch] = comparison.of(curled(comparison.axes, normals, phase, curl))
+            tried[slope, pitch] = comparison.of(curled(comparison.axes, normals, locks, size(slope, pitch)))
         return tried[slope, pitch]
 
     seen = comparison.seen
@@ -243,7 +291,7 @@ def closest_curl(
     slope = min(SLOPES, key=lambda slope: texture(slope, PITCHES[len(PITCHES) // 2]).lean_difference(seen))
     pitch = min(PITCHES, key=lambda pitch: texture(slope, pitch).difference(seen, FOR_SIZE))
     slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen, FOR_SIZE))
-    return Curl(slope * pitch / (2 * math.pi), pitch, turn), texture(slope, pitch)
+    return size(slope, pitch), texture(slope, pitch)
 
 
 def _is_strong(lean: Lean, config: CurlConfig) -> bool:

@@ -73,13 +73,18 @@ class Texture:
 
     def lean_difference(self, other: "Texture") -> float:
         """Share of the streaks that would have to lean otherwise, from 0 to 1."""
-        mine, its = (gaussian_blur(texture.lean[None], BLUR)[0] for texture in (self, other))
-        return 0.5 * float((mine - its).abs().sum())
+        return 0.5 * float((self._leans() - other._leans()).abs().sum())
 
     def repetition_difference(self, other: "Texture") -> float:
         """How differently turns follow each other: 0 if alike, 1 if unrelated, 2 if opposite."""
         # How regular turns are does not count, nor how far locks look alike.
         return 1 - float(functional.cosine_similarity(self._turns(), other._turns(), dim=0))
+
+    def _leans(self) -> Float[Tensor, " bin"]:
+        """The blurred histogram without what all angles have in common: noise has streaks of any direction."""
+        blurred = gaussian_blur(self.lean[None], BLUR)[0]
+        above = blurred - blurred.min()
+        return above / above.sum().clamp(min=1e-9)
 
     def _turns(self) -> Float[Tensor, " compared"]:
         """The repetition at `COMPARED_LAGS` without its slow decay."""

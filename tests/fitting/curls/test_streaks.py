@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from neural_strands.fitting.curls.streaks import BINS, LAGS, Course, Texture, course_of, drawn_hair, texture_of
-from neural_strands.flow.curls import Curl, curled
+from neural_strands.flow.curls import Curl, Locks, curled
 from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig
 
@@ -24,6 +24,11 @@ def curtain(tilt: float = 0.0, count: int = 3000) -> torch.Tensor:
     points = start + 0.36 * torch.linspace(0, 1, 120)[None, :, None] * torch.tensor([0.0, -1.0, 0.0])
     cosine, sine = math.cos(tilt), math.sin(tilt)
     return points @ torch.tensor([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def one_phase(count: int) -> Locks:
+    """All strands in one phase."""
+    return Locks(torch.zeros(count), torch.ones(count))
 
 
 def texture(strands: torch.Tensor, course: Course) -> Texture:
@@ -67,7 +72,7 @@ def test_curls_lean_to_the_side_that_their_handedness_gives(course, turn):
     curl = Curl(0.006, 0.03, turn)
     axes = curtain()
     found = texture(
-        curled(axes, torch.tensor([0.0, 0.0, 1.0]).expand(len(axes), 3), torch.zeros(len(axes)), curl), course
+        curled(axes, torch.tensor([0.0, 0.0, 1.0]).expand(len(axes), 3), one_phase(len(axes)), curl), course
     )
     side = leans(found) * turn > 0
     assert found.lean[side].sum() > 0.75
@@ -79,7 +84,7 @@ def test_curls_repeat_after_their_pitch(course, pitch):
     axes = curtain()
     curl = Curl(0.005, pitch, 1)
     found = texture(
-        curled(axes, torch.tensor([0.0, 0.0, 1.0]).expand(len(axes), 3), torch.zeros(len(axes)), curl), course
+        curled(axes, torch.tensor([0.0, 0.0, 1.0]).expand(len(axes), 3), one_phase(len(axes)), curl), course
     )
     lags = torch.tensor(LAGS)
     near = (lags > 0.6 * pitch) & (lags < 1.4 * pitch)
@@ -96,9 +101,9 @@ def test_the_course_is_unknown_where_there_is_no_hair():
 
 def test_the_same_texture_does_not_differ(course):
     axes = curtain()
-    normals, phase = torch.tensor([0.0, 0.0, 1.0]).expand(len(axes), 3), torch.zeros(len(axes))
+    normals, locks = torch.tensor([0.0, 0.0, 1.0]).expand(len(axes), 3), one_phase(len(axes))
     fine, coarse = (
-        texture(curled(axes, normals, phase, Curl(0.2 * pitch, pitch, 1)), course) for pitch in (0.02, 0.035)
+        texture(curled(axes, normals, locks, Curl(0.2 * pitch, pitch, 1)), course) for pitch in (0.02, 0.035)
     )
     assert fine.difference(fine, 1.0) == pytest.approx(0, abs=1e-6)
     assert fine.difference(coarse, 1.0) == pytest.approx(coarse.difference(fine, 1.0), abs=1e-6)
