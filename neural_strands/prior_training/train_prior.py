@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.adam import Adam
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, check_writable, tensor_bytes
 from neural_strands.foundation.interrupts import whole_steps
@@ -236,7 +237,7 @@ def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torc
     else:
         chosen = [*prior.generator.modulator.parameters(), *prior.encoder.parameters()]
         rate = config.learning_rate
-    return torch.optim.Adam([{"params": chosen, "lr": rate, "highest": rate}])
+    return Adam([{"params": chosen, "lr": rate, "highest": rate}])
 
 
 def _initialised(config: TrainPriorConfig, generator: torch.Generator) -> StrandPrior:
