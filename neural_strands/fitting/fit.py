@@ -31,7 +31,7 @@ from neural_strands.fitting.schedule import (
 )
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.strand_width import estimate_width
-from neural_strands.foundation.adam import Adam
+from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View

@@ -1,7 +1,23 @@
-"""Gradients with given weights, without sympy, which torch imports for them in half a second."""
+"""Gradients and steps along them, without parts of torch that take seconds to import and are of no use here."""
+
+from inspect import unwrap
 
 import torch
 from torch import Tensor
+
+
+class Adam(torch.optim.Adam):
+    """`torch.optim.Adam`, step for step, without torch's compiler.
+
+    Its methods are wrapped in functions that import the compiler in order to tell it to leave them alone. Here they are
+    without the wrapping. Nothing is compiled during a step, so that there is nobody to tell.
+    """
+
+    add_param_group = unwrap(torch.optim.Adam.add_param_group)
+    zero_grad = unwrap(torch.optim.Adam.zero_grad)
+    state_dict = unwrap(torch.optim.Adam.state_dict)
+    load_state_dict = unwrap(torch.optim.Adam.load_state_dict)
+    step = torch.no_grad()(unwrap(torch.optim.Adam.step))
 
 
 def weighted_gradient(values: Tensor, weights: Tensor, of: Tensor, retain_graph: bool = False) -> Tensor:

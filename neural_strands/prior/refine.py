@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation.adam import Adam
+from neural_strands.foundation.gradients import Adam
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.analysis import DIRECTION_WEIGHT
 from neural_strands.prior.generator import StrandGenerator

@@ -19,9 +19,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation.adam import Adam
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, check_writable, tensor_bytes
+from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import whole_steps
 from neural_strands.foundation.progress import progress_bar
 from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam

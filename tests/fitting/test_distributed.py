@@ -22,22 +22,22 @@ PROGRAM = Path(__file__).resolve().parents[1] / "support" / "shared_steps.py"
 
 @pytest.mark.slow(seconds=40)
 def test_two_processes_agree_with_one(tmp_path):
-    strands = write_capture(tmp_path / "ball")
+    ball = tmp_path / "ball"
+    strands = write_capture(ball)
     torch.save(strands, tmp_path / "strands.pt")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
-    arguments = [tmp_path / "ball", tmp_path / "strands.pt"]
     group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
     both = [
         subprocess.Popen(
-            [sys.executable, str(PROGRAM), *map(str, [*arguments, tmp_path / "two.pt"])],
+            [sys.executable, str(PROGRAM), str(ball), str(tmp_path / "strands.pt"), str(tmp_path / "two.pt")],
             env={**os.environ, **group, "RANK": str(rank)},
             stderr=subprocess.PIPE,
         )
         for rank in range(2)
     ]
-    take_steps(*arguments, tmp_path / "one.pt")
+    take_steps(ball, tmp_path / "strands.pt", tmp_path / "one.pt")
     for process in both:
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors.decode()[-2000:]

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from neural_strands.foundation.adam import Adam
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.gradients import Adam
 from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import load_prior
