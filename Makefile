@@ -28,8 +28,9 @@ imports: $(VENV)/.installed
 docs: $(VENV)/.installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
+# Modules stay compiled even if the environment forbids it: every program that a test starts would compile them anew.
 pytest: $(VENV)/.installed
-	$(BIN)/python -m pytest -n logical --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n logical --dist worksteal
 
 # The page in a browser alone; without Chromium this fails, whereas `make test` skips it.
 browser: $(VENV)/.installed
@@ -37,7 +38,7 @@ browser: $(VENV)/.installed
 
 # The tests without those marked slow, for the edit-and-run loop.
 fast: $(VENV)/.installed
-	$(BIN)/python -m pytest -n logical --dist worksteal -m 'not slow'
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n logical --dist worksteal -m 'not slow'
 
 test: lint types imports docs pytest
 

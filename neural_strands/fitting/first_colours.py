@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.fitting.photographs.surround_weights import surround_weights
+from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
@@ -73,7 +74,7 @@ def scatter_to_texture(
     """Scatter values at uv to a texture: sums weighted by the bilinear weights, and the sums of the weights."""
     image = values.new_zeros(height, width, values.shape[1] + 1, requires_grad=True)
     carried = torch.cat([values, torch.ones_like(values[:, :1])], dim=1)
-    sums = torch.autograd.grad(sample_texture(image, uv), image, carried)[0]
+    sums = weighted_gradient(sample_texture(image, uv), carried, image)
     return sums[..., :-1], sums[..., -1:]
 
 
@@ -111,7 +112,7 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
             shares = (surround.body * (1 - hair), surround.background)
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
-                total += torch.autograd.grad(image, colour, value * share[..., None], retain_graph=True)[0]
+                total += weighted_gradient(image, value * share[..., None], colour, retain_graph=True)
     with torch.no_grad():
         for colour, total, weight in zip(colours, sums, weights, strict=True):
             if weight.sum() <= TINY:

@@ -31,6 +31,7 @@ from neural_strands.fitting.schedule import (
 )
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
@@ -94,7 +95,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
     on_cpu = model.root_uv.device.type == "cpu"
     # Texels seen by only a few pixels have gradients far below Adam's usual epsilon. One pass over the memory is many
     # times as fast on the CPU; on CUDA it would move the step counters to the device (see `load_checkpoint`).
-    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=on_cpu or None)
+    optimiser = Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=on_cpu or None)
     with torch.no_grad():
         first = model.decode(config.step_points).points
         seen = torch.ones(first.shape[:2], dtype=torch.bool, device=first.device)

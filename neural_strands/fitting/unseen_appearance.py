@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.fitting.first_colours import fill_texture
+from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
@@ -57,6 +58,6 @@ def texel_weights(
             lines = model.draw(strands, target.camera).lines
             visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
         knots = torch.zeros_like(read, requires_grad=True)
-        (back,) = torch.autograd.grad(interpolate_knots(knots, visible.strand, visible.t)[:, 0], knots, visible.weight)
-        total += back
-    return torch.autograd.grad(read, image, total)[0]
+        between = interpolate_knots(knots, visible.strand, visible.t)[:, 0]
+        total += weighted_gradient(between, visible.weight, knots)
+    return weighted_gradient(read, total, image)

@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.gradients import Adam
 from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.analysis import DIRECTION_WEIGHT
 from neural_strands.prior.generator import StrandGenerator
@@ -26,7 +27,7 @@ def refine_latents(
         learning_rate: initial learning rate.
     """
     current = latent.detach().clone().requires_grad_(True)
-    optimiser = torch.optim.Adam([current], learning_rate)
+    optimiser = Adam([current], learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     scale = lengths(points)[:, None, None]
     best, lowest = latent.detach().clone(), latent.new_full((len(latent),), torch.inf)

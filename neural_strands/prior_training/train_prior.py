@@ -21,6 +21,7 @@ from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, check_writable, tensor_bytes
+from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import whole_steps
 from neural_strands.foundation.progress import progress_bar
 from neural_strands.foundation.tensor_files import adam_state, difference, read_tensors, restore_adam
@@ -236,7 +237,7 @@ def _optimiser(prior: StrandPrior, config: TrainPriorConfig, stage: int) -> torc
     else:
         chosen = [*prior.generator.modulator.parameters(), *prior.encoder.parameters()]
         rate = config.learning_rate
-    return torch.optim.Adam([{"params": chosen, "lr": rate, "highest": rate}])
+    return Adam([{"params": chosen, "lr": rate, "highest": rate}])
 
 
 def _initialised(config: TrainPriorConfig, generator: torch.Generator) -> StrandPrior:

@@ -42,7 +42,7 @@ def bits(folder):
     return {name: (folder / name).read_bytes() for name in RESULTS}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=200)
 @pytest.mark.timeout(1500)
 @pytest.mark.skipif(os.name == "nt", reason="a killed node is one of Linux or macOS")
 def test_a_killed_node_costs_nothing_and_a_broken_subject_stops_no_other(nodes, tmp_path):

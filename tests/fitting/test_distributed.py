@@ -11,63 +11,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from batch_files import write_ball
+from shared_steps import take_steps
+from tiny_capture import tiny_config, write_capture
 
-SCRIPT = """
-import sys
-from dataclasses import replace
-from pathlib import Path
-import torch
-from neural_strands.capture.capture import Capture
-from neural_strands.prior.vae import load_prior
-from neural_strands.fitting.fit import fit
-from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.first_model import begin
-from neural_strands.capture.head import find_head
-from neural_strands.fitting.distributed import Workers
-from tiny_capture import tiny_config, true_segments
+from neural_strands.cli.main import main
 
-torch.set_num_threads(1)
-folder, strands, out = map(Path, sys.argv[1:])
-workers = Workers.join(torch.device("cpu"))
-assert workers.agree(7 + workers.rank) == 7
-config = tiny_config(steps=2, views_per_step=2)
-capture = Capture.load(folder)
-segments = true_segments(torch.load(strands))
-data = gather_fit_data(capture, find_head(capture, None), segments, config, torch.device("cpu"))
-state = begin(data, load_prior(), config)
-fit(state, data, config, workers=workers)
-if workers.leads:
-    learned = {"appearance": state.model.textures.appearance, "shape": state.model.textures.shape}
-    learned |= dict(state.model.unet.named_parameters())
-    torch.save({"drawn": state.drawn, **{name: value.grad for name, value in learned.items()}}, out)
-workers.close()
-"""
-
-
-def start(script, arguments, environment):
-    support = Path(__file__).resolve().parents[1] / "support"
-    paths = os.pathsep.join([str(support), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(
-        [sys.executable, "-c", script, *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": paths, **environment},
-        stderr=subprocess.PIPE,
-    )
+PROGRAM = Path(__file__).resolve().parents[1] / "support" / "shared_steps.py"
 
 
 @pytest.mark.slow(seconds=40)
 def test_two_processes_agree_with_one(tmp_path):
-    from tiny_capture import write_capture
-
-    strands = write_capture(tmp_path / "ball")
+    ball = tmp_path / "ball"
+    strands = write_capture(ball)
     torch.save(strands, tmp_path / "strands.pt")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
-    arguments = [tmp_path / "ball", tmp_path / "strands.pt"]
-    alone = start(SCRIPT, [*arguments, tmp_path / "one.pt"], {})
     group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
-    both = [start(SCRIPT, [*arguments, tmp_path / "two.pt"], {**group, "RANK": str(rank)}) for rank in range(2)]
-    for process in (alone, *both):
+    both = [
+        subprocess.Popen(
+            [sys.executable, str(PROGRAM), str(ball), str(tmp_path / "strands.pt"), str(tmp_path / "two.pt")],
+            env={**os.environ, **group, "RANK": str(rank)},
+            stderr=subprocess.PIPE,
+        )
+        for rank in range(2)
+    ]
+    take_steps(ball, tmp_path / "strands.pt", tmp_path / "one.pt")
+    for process in both:
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors.decode()[-2000:]
     one, two = torch.load(tmp_path / "one.pt"), torch.load(tmp_path / "two.pt")
@@ -79,28 +50,24 @@ def test_two_processes_agree_with_one(tmp_path):
 
 
 @pytest.mark.slow
-def test_torchrun_fits_from_the_command_line_as_one_process_does(tmp_path):
+def test_torchrun_fits_from_the_command_line_as_one_process_does(tmp_path, monkeypatch, capsys):
     """Views of a step are divided; the result is that of one process, to what sums in another order change."""
-    from batch_files import write_ball
-    from tiny_capture import tiny_config
-
     ball = write_ball(tmp_path)
     (tmp_path / "tiny.json").write_text(json.dumps(asdict(tiny_config(steps=3, views_per_step=2))))
-    words = ["-m", "neural_strands", "fit", str(ball["capture"])]
+    words = ["fit", str(ball["capture"])]
     options = ["--segments", str(ball["segments"]), "--config", str(tmp_path / "tiny.json"), "--device", "cpu"]
-    group = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    environment = {**os.environ, "NEURAL_STRANDS_WEIGHTS": str(tmp_path / "none"), "OMP_NUM_THREADS": "1"}
-    told = {}
-    for name, launcher in (("one", []), ("two", group)):
-        command = [sys.executable, *launcher, *words, str(tmp_path / name), *options]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=400)
-        assert done.returncode == 0, done.stderr[-2000:]
-        told[name] = done.stdout
-        assert done.stderr.count("expect about") == 1
-    assert told["two"] == told["one"].replace(f"{tmp_path / 'one'}", f"{tmp_path / 'two'}")
+    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    assert main([*words, str(tmp_path / "one"), *options]) == 0
+    alone = capsys.readouterr()
+    torchrun = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    launched = [*torchrun, "-m", "neural_strands", *words, str(tmp_path / "two"), *options]
+    done = subprocess.run(launched, capture_output=True, text=True, check=False, timeout=400)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert alone.err.count("expect about") == done.stderr.count("expect about") == 1
+    assert done.stdout == alone.out.replace(f"{tmp_path / 'one'}", f"{tmp_path / 'two'}")
     one, two = (np.load(tmp_path / name / "groom.npz")["vertices"] for name in ("one", "two"))
     np.testing.assert_allclose(two, one, atol=2e-4, rtol=0)
-    again = [sys.executable, *group, *words, str(tmp_path / "two"), *options, "--resume"]
-    done = subprocess.run(again, capture_output=True, text=True, check=False, env=environment, timeout=400)
+    done = subprocess.run([*launched, "--resume"], capture_output=True, text=True, check=False, timeout=400)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "resuming at step 3 of 3" in done.stderr

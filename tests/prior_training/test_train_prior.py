@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.gradients import Adam
 from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
 from neural_strands.prior.vae import load_prior
@@ -184,7 +185,7 @@ def test_an_interrupted_run_resumes_to_the_same_bits(
     """Ctrl-C between the optimiser's update and the counter, in either stage and at the change between them."""
     whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)
     out, calls = tmp_path / "prior.safetensors", itertools.count(1)
-    update = torch.optim.Adam.step
+    update = Adam.step
 
     def interrupted(*arguments):
         update(*arguments)
@@ -192,7 +193,7 @@ def test_an_interrupted_run_resumes_to_the_same_bits(
             signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
-        patch.setattr(torch.optim.Adam, "step", interrupted)
+        patch.setattr(Adam, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train_prior(out, TINY, seed=1)
     resumed = train_prior(out, TINY, seed=1, resume=True)

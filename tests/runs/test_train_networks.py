@@ -16,31 +16,40 @@ from neural_strands.runs.train_networks import train_networks
 CPU = torch.device("cpu")
 
 
-@pytest.fixture
-def captures(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
-    strands = [write_capture(tmp_path / name, views=4) for name in ("one", "two")]
-    # Stereo finds nothing in pictures as small as these.
-    monkeypatch.setattr(fits, "find_segments", lambda *_: true_segments(strands[0]))
-    return [tmp_path / "one", tmp_path / "two"]
+CONFIG = tiny_config(steps=4, initialise="mean")
 
 
-def test_training_is_fits_in_turn(captures, tmp_path):
-    config = tiny_config(steps=4, initialise="mean")
-    train_networks(tmp_path / "net.safetensors", captures, config, CPU, Feedback())
-    run_fit(FitRequest(captures[0], tmp_path / "a"), config, CPU, Feedback())
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("captures")
+    strands = [write_capture(folder / name, views=4) for name in ("one", "two")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
+        # Stereo finds nothing in pictures as small as these.
+        patch.setattr(fits, "find_segments", lambda *_: true_segments(strands[0]))
+        yield [folder / "one", folder / "two"]
+
+
+@pytest.fixture(scope="module")
+def trained(captures, tmp_path_factory):
+    """Networks of a training that nothing stopped."""
+    path = tmp_path_factory.mktemp("trained") / "net.safetensors"
+    train_networks(path, captures, CONFIG, CPU, Feedback())
+    return path
+
+
+def test_training_is_fits_in_turn(captures, trained, tmp_path):
+    run_fit(FitRequest(captures[0], tmp_path / "a"), CONFIG, CPU, Feedback())
     first = tmp_path / "a" / "model" / "model.safetensors"
-    second = run_fit(FitRequest(captures[1], tmp_path / "b", networks=first), config, CPU, Feedback())
-    found, expected = read_networks(tmp_path / "net.safetensors", config.model), second.model.state_dict()
+    second = run_fit(FitRequest(captures[1], tmp_path / "b", networks=first), CONFIG, CPU, Feedback())
+    found, expected = read_networks(trained, CONFIG.model), second.model.state_dict()
     assert all(torch.equal(found[name], expected[name]) for name in found)
     # The start matters: without it the second fit gives something else.
-    alone = run_fit(FitRequest(captures[1], tmp_path / "c"), config, CPU, Feedback())
+    alone = run_fit(FitRequest(captures[1], tmp_path / "c"), CONFIG, CPU, Feedback())
     assert not torch.equal(alone.model.unet.output, second.model.unet.output)
 
 
-def test_a_stopped_training_continues(captures, tmp_path, monkeypatch):
-    config = tiny_config(steps=4, initialise="mean")
-    train_networks(tmp_path / "whole.safetensors", captures, config, CPU, Feedback())
+def test_a_stopped_training_continues(captures, trained, tmp_path, monkeypatch):
     fit, calls = training.run_fit, []
 
     def stops_at_the_second(*arguments):
@@ -52,10 +61,10 @@ def test_a_stopped_training_continues(captures, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(training, "run_fit", stops_at_the_second)
         with pytest.raises(KeyboardInterrupt):
-            train_networks(tmp_path / "net.safetensors", captures, config, CPU, Feedback())
+            train_networks(tmp_path / "net.safetensors", captures, CONFIG, CPU, Feedback())
     assert not (tmp_path / "net.safetensors").exists()
-    train_networks(tmp_path / "net.safetensors", captures, config, CPU, Feedback())
-    assert (tmp_path / "net.safetensors").read_bytes() == (tmp_path / "whole.safetensors").read_bytes()
+    train_networks(tmp_path / "net.safetensors", captures, CONFIG, CPU, Feedback())
+    assert (tmp_path / "net.safetensors").read_bytes() == trained.read_bytes()
 
 
 def test_networks_that_do_not_fit_are_refused_before_anything_is_computed(captures, tmp_path):

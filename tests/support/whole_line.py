@@ -94,3 +94,6 @@ if __name__ == "__main__":
     for number in range(times):
         work(root / str(number))
         sys.stdout.write(json.dumps(digests(root / str(number))) + "\n")
+    slow = {"torch._dynamo", "sympy"} & set(sys.modules)
+    if slow:
+        raise RuntimeError(f"{sorted(slow)} was imported, which takes seconds and is of no use here")

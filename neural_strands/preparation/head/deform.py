@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
@@ -74,12 +74,10 @@ def deform(template: Template, evidence: Evidence) -> Template:
     weight = 1.0 / variance
     for _ in range(ROUNDS):
         current = Mesh(torch.from_numpy(start + moved).float(), rest.faces)
-        system = sparse.block_diag([fixed + (anchors.T @ sparse.diags(weight) @ anchors)] * 3, format="csc")
-        right = (anchors.T @ (weight[:, None] * (target[known] - anchors @ start))).T.ravel()
-        for rows, values in (_skin_rows(current, evidence, start), _outline_rows(current, evidence, start)):
-            system = system + rows.T @ rows
-            right = right + rows.T @ values
-        moved = splu(system.tocsc()).solve(right).reshape(3, count).T
+        outside, goal = _outline_rows(current, evidence, start)
+        system = sparse.csc_matrix(fixed + anchors.T @ sparse.diags(weight) @ anchors + outside.T @ outside)
+        right = anchors.T @ (weight[:, None] * (target[known] - anchors @ start)) + outside.T @ goal
+        moved = _solve(system, right, *_skin_rows(current, evidence, start))
         gap = np.linalg.norm(anchors @ (start + moved) - target[known], axis=1)
         # Geman-McClure weights: landmarks that no smooth deformation reaches have slipped.
         weight = (1.0 + gap**2 / (9.0 * variance)) ** -2 / variance
@@ -89,6 +87,26 @@ def deform(template: Template, evidence: Evidence) -> Template:
     carried = _attached(rest, landmarks[every]) @ (start + moved)
     landmarks[every] = torch.from_numpy(carried).to(landmarks)
     return replace(template, head=replace(template.head, mesh=mesh), landmarks=landmarks)
+
+
+def _solve(system: sparse.csc_matrix, right: np.ndarray, skin: sparse.csr_matrix, gap: np.ndarray) -> np.ndarray:
+    """The displacement (vertex, 3) that solves the equations of each axis, and those of the skin for all axes together.
+
+    Args:
+        system: normal equations of one axis.
+        right: their right-hand sides (vertex, 3).
+        skin: equations of x, then y, then z of all vertices.
+        gap: their values.
+    """
+    if len(gap) == 0:
+        return _factor(system).solve(right)
+    together = sparse.csc_matrix(sparse.block_diag([system] * 3) + skin.T @ skin)
+    return _factor(together).solve(right.T.ravel() + skin.T @ gap).reshape(3, -1).T
+
+
+def _factor(system: sparse.csc_matrix) -> SuperLU:
+    """The factors of a symmetric positive definite matrix, which needs no pivots."""
+    return splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
@@ -115,7 +133,7 @@ def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sp
 
 
 def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Equations that pull vertices outside an outline onto it, in the view where they are worst."""
+    """Equations of each axis that pull vertices outside an outline onto it, in the view where they are worst."""
     count = len(start)
     worst = np.zeros(count)
     goal = start.copy()
@@ -141,8 +159,7 @@ def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple
         worst[worse] = metres[worse]
     asked = np.flatnonzero(worst > 0)
     pick = sparse.csr_matrix((np.full(len(asked), 1.0 / OUTSIDE), (np.arange(len(asked)), asked)), (len(asked), count))
-    rows = sparse.csr_matrix(sparse.block_diag([pick] * 3))
-    return rows, ((goal - start)[asked] / OUTSIDE).T.ravel()
+    return pick, (goal - start)[asked] / OUTSIDE
 
 
 def _attached(mesh: Mesh, points: Float[Tensor, "point 3"]) -> sparse.csr_matrix:
