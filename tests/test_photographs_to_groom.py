@@ -46,6 +46,7 @@ def narrow_person() -> Head:
     return replace(head, mesh=replace(head.mesh, vertices=with_mean_skull(head.mesh.vertices)))
 
 
+@pytest.mark.timeout(1500)
 @pytest.mark.slow(seconds=190)
 def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("pycolmap")

@@ -65,6 +65,8 @@ WAVY = 0.25
 """Hair may be wavy if more of its streaks than this lean otherwise than those of strands along the segments."""
 WAVE_ROUNDNESS = 0.5
 """Roundness of waves."""
+USUAL_PITCH = 0.034
+"""Length of a wave where the photographs do not tell it, metres."""
 CLEARLY = 0.6
 """Waves must reduce the share of such streaks to this factor at most."""
 MOST_WORSE = 0.1
@@ -168,10 +170,14 @@ def _find_waves(
     """Look for waves about the strands that follow the segments as they are."""
     every = max(1, math.ceil(len(plain) / MOST_STRANDS))
     comparison = Comparison.along(plain[::every], seen)
-    plainly = comparison.of(plain[::every]).lean_difference(comparison.seen)
+    normals, straight = scalp_normals[::every], comparison.of(plain[::every])
+    plainly = straight.lean_difference(comparison.seen)
     if plainly < WAVY:
         return None
-    curl, drawn = closest_curl(comparison, scalp_normals[::every], 0, config)
+    curl, drawn = closest_curl(comparison, normals, 0, config)
+    if drawn.repetition_difference(comparison.seen) > straight.repetition_difference(comparison.seen):
+        # What repeats in these photographs is not the waves.
+        curl, drawn = closest_curl(comparison, normals, 0, config, (USUAL_PITCH,))
     return FoundCurls(curl, flow) if drawn.lean_difference(comparison.seen) < CLEARLY * plainly else None
 
 
@@ -265,7 +271,11 @@ def photographs(views: Views) -> Photographs:
 
 
 def closest_curl(
-    comparison: "Comparison", normals: Float[Tensor, "strand 3"], turn: int, config: CurlConfig
+    comparison: "Comparison",
+    normals: Float[Tensor, "strand 3"],
+    turn: int,
+    config: CurlConfig,
+    pitches: Sequence[float] = PITCHES,
 ) -> tuple[Curl, Texture]:
     """The curl whose drawing has the texture closest to the photographs', and that texture.
 
@@ -274,6 +284,7 @@ def closest_curl(
         normals: outward unit normals at the roots of those strands.
         turn: handedness of the curls; 0 for waves.
         config: size of the locks that curl in phase.
+        pitches: lengths of a turn to try, metres.
     """
     locks = Locks.drawn(comparison.axes[:, 0], config.lock)
     tried: dict[tuple[float, float], Texture] = {}
@@ -288,8 +299,8 @@ def closest_curl(
 
     seen = comparison.seen
     # The lean depends on the slope and hardly on the pitch, so the two can be searched in turn.
-    slope = min(SLOPES, key=lambda slope: texture(slope, PITCHES[len(PITCHES) // 2]).lean_difference(seen))
-    pitch = min(PITCHES, key=lambda pitch: texture(slope, pitch).difference(seen, FOR_SIZE))
+    slope = min(SLOPES, key=lambda slope: texture(slope, pitches[len(pitches) // 2]).lean_difference(seen))
+    pitch = min(pitches, key=lambda pitch: texture(slope, pitch).difference(seen, FOR_SIZE))
     slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen, FOR_SIZE))
     return size(slope, pitch), texture(slope, pitch)
 

@@ -139,6 +139,22 @@ def test_first_strands_of_curly_hair_curl_and_say_so(curly, tmp_path):
     assert turned.median() > math.pi * lengths(found.points).median() / TRUE.pitch / 2
 
 
+@pytest.mark.slow(seconds=40)
+def test_locks_that_wave_either_way_are_found():
+    """Their segments lean to both sides, so that only the photographs tell."""
+    axes, waves = hanging_axes(3000), Curl(0.004, 0.04, 0, 0.5)
+    normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
+    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
+    wavy = Photographed(curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), waves, distance))
+    room = wavy.room()
+    assert lean_off_gravity(room, wavy.segments).agreement < 0.7
+    found = find_curls(room, wavy.segments, wavy.views, *wavy.plain(room), wavy.normals, SCALP, CONFIG)
+    assert found is not None
+    assert found.curl.turn == 0
+    assert found.curl.pitch == pytest.approx(waves.pitch, rel=0.3)
+    assert found.curl.slope == pytest.approx(waves.slope, rel=0.5)
+
+
 def test_straight_hair_has_no_curls():
     straight = Photographed(hanging_axes(3000))
     room = straight.room()
