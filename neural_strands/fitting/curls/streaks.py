@@ -20,7 +20,7 @@ from neural_strands.raster.lines import rasterise_lines
 
 BINS = 36
 """Bins of the histogram of leans, over half a circle."""
-LAGS = tuple(0.002 * k for k in range(44))
+LAGS = tuple(0.002 * k for k in range(36))
 """Distances along the hair at which the texture is compared with itself, metres."""
 SMOOTH = 3.0
 """Standard deviation of the blur of the drawn course, pixels."""
@@ -34,9 +34,9 @@ NEARBY = 21
 """Window in which the foremost hair is searched, in pixels of the drawing."""
 BLUR = 1.5
 """Standard deviation of the blur of histograms that are compared, bins."""
-COMPARED_LAGS = slice(5, 36)
+COMPARED_LAGS = slice(5, 28)
 """Lags at which repetition is compared: nearer pixels are alike in any hair, and farther on the decay is uncertain."""
-TREND = 4.0
+TREND = 3.0
 """Standard deviation of the blur that tells turns from the slow decay of the repetition, lags."""
 
 
