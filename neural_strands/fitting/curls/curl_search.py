@@ -50,8 +50,8 @@ LARGEST_SIDE = 512
 """Photographs are reduced to this size for the comparison, pixels."""
 SLOPES = (0.4, 0.55, 0.7, 0.9, 1.12, 1.4, 1.75)
 """Slopes of curls that are tried: 2 pi radius / pitch."""
-PITCHES = (0.012, 0.0155, 0.02, 0.024, 0.028, 0.034, 0.04, 0.05, 0.064)
-"""Lengths of a turn that are tried, metres."""
+PITCHES = (0.012, 0.0155, 0.02, 0.024, 0.028, 0.034, 0.04, 0.05)
+"""Lengths of a turn that are tried, metres; longer ones would not repeat within the lags that are compared."""
 FIRST_INSET = 0.004
 """Depth of the axes below the surface of the hair while the radius is unknown, metres."""
 LEVEL = 0.8
