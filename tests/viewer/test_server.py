@@ -225,7 +225,7 @@ def test_the_page_is_bound_to_this_machine_alone(server):
 @pytest.mark.parametrize(
     ("host", "port", "words"),
     [
-        (LOOPBACK, 70000, "--port: expected a number from 0 to 65535, found 70000."),
+        (LOOPBACK, 70000, "--port: expected a number from 0 to 65535, found 70000; give another."),
         (LOOPBACK, -1, "--port: expected a number"),
         ("203.0.113.9", 0, "203.0.113.9:0: expected an address and port of this machine"),
         ("no such name", 0, "no such name:0: expected an address"),

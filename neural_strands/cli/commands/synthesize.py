@@ -30,7 +30,7 @@ class Synthesize:
     """Style of the procedural groom."""
     colour: Literal["black", "brown", "auburn", "blond", "grey"] = "brown"
     """Pigment of the hair."""
-    strands: Annotated[int, Between(100, 1_000_000)] = 10_000
+    strands: int = 10_000
     """Strands of the procedural groom (100 to 1,000,000)."""
     groom: Path | None = None
     """Your own groom instead (any format of `convert`, metres, y up); needs --head."""

@@ -105,7 +105,8 @@ def curly() -> Photographed:
 @pytest.mark.slow(seconds=40)
 def test_curls_are_found_and_wound(curly):
     room = curly.room()
-    found = find_curls(room, curly.segments, curly.views, *curly.plain(room), curly.normals, SCALP, CONFIG)
+    flow, plain = curly.plain(room)
+    found = find_curls(room, curly.segments, curly.views, flow, plain, curly.normals, SCALP, CONFIG)
     assert found is not None
     assert found.curl.turn == TRUE.turn
     assert found.curl.pitch == pytest.approx(TRUE.pitch, rel=0.25)
