@@ -155,22 +155,22 @@ def find_curls(
     """
     if not config.curls.find or not room.masked:
         return None
-    seen = photographs(views)
-    helices = _find_helices(room, segments, seen, plain, scalp_normals, scalp_faces, config)
-    return helices or _find_waves(flow, seen, plain, scalp_normals, config.curls)
+    seen, every = photographs(views), max(1, math.ceil(len(plain) / MOST_STRANDS))
+    drawn, normals = plain[::every], scalp_normals[::every]
+    helices = _find_helices(room, segments, seen, (plain[:, 0], scalp_normals), drawn, normals, scalp_faces, config)
+    return helices or _find_waves(flow, seen, drawn, normals, config.curls)
 
 
 def _find_waves(
     flow: FlowField,
     seen: "Photographs",
-    plain: Float[Tensor, "root point 3"],
-    scalp_normals: Float[Tensor, "root 3"],
+    plain: Float[Tensor, "strand point 3"],
+    normals: Float[Tensor, "strand 3"],
     config: CurlConfig,
 ) -> FoundCurls | None:
     """Look for waves about the strands that follow the segments as they are."""
-    every = max(1, math.ceil(len(plain) / MOST_STRANDS))
-    comparison = Comparison.along(plain[::every], seen)
-    normals, straight = scalp_normals[::every], comparison.of(plain[::every])
+    comparison = Comparison.along(plain, seen)
+    straight = comparison.of(plain)
     plainly = straight.lean_difference(comparison.seen)
     if plainly < WAVY:
         return None
@@ -185,16 +185,16 @@ def _find_helices(
     room: HairRoom,
     segments: LineSegments,
     seen: "Photographs",
-    plain: Float[Tensor, "root point 3"],
-    scalp_normals: Float[Tensor, "root 3"],
-    scalp_faces: Int64[Tensor, " scalp"],
+    scalp: tuple[Float[Tensor, "root 3"], Float[Tensor, "root 3"]],
+    plain: Float[Tensor, "strand point 3"],
+    normals: Float[Tensor, "strand 3"],
+    scalp_faces: Int64[Tensor, " face"],
     config: InitialConfig,
 ) -> FoundCurls | None:
-    """Look for curls that all turn alike."""
+    """Look for curls that all turn alike: `scalp` has all roots and normals, `plain` and `normals` those to draw."""
     kept = segments.select(segments.confidence >= config.flow.least_confidence)
     if not _is_strong(lean_off_gravity(room, kept), config.curls):
         return None
-    scalp = plain[:, 0], scalp_normals
     course = hanging_flow(room, kept, *scalp, config)
     lean = lean_off(course, kept)
     if not _is_strong(lean, config.curls):
@@ -203,13 +203,12 @@ def _find_helices(
     straight = orient_segments(turned_back(kept, course, lean.angle), room.head, scalp_faces, [], GrowthConfig())
     along = replace(config, conservation=replace(config.conservation, way_out=config.curls.way_out))
     axes = hair_flow(room.inset(FIRST_INSET), straight, *scalp, along)
-    every = max(1, math.ceil(len(plain) / MOST_STRANDS))
-    traced = trace_hair(axes, plain[::every, 0], scalp_normals[::every], config.trace).points
+    traced = trace_hair(axes, plain[:, 0], normals, config.trace).points
     turn = -round(math.copysign(1, lean.angle))
     comparison = Comparison.along(traced, seen)
-    curl, drawn = closest_curl(comparison, scalp_normals[::every], turn, config.curls)
+    curl, drawn = closest_curl(comparison, normals, turn, config.curls)
     difference = drawn.difference(comparison.seen, FOR_CURLINESS)
-    plainly = comparison.of(plain[::every]).difference(comparison.seen, FOR_CURLINESS)
+    plainly = comparison.of(plain).difference(comparison.seen, FOR_CURLINESS)
     if difference > plainly + (MOST_WORSE if plainly > ALIKE else 0.0):
         return None
     if abs(curl.radius - FIRST_INSET) > room.grid.spacing:
