@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.capture.capture import Capture
 from neural_strands.evaluation.timing import peak_memory
@@ -23,6 +25,8 @@ from neural_strands.scalp.roots import sample_roots
 STAND_IN_POINTS = 20_000
 STAND_IN_HEIGHT = 0.01
 """Height of the stand-in segments above the scalp, metres."""
+USUAL_REACH = 0.25
+"""Distance from the middle of the scalp to which hair of unknown extent is expected, metres: below the shoulders."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ def forecast(
         perceptual: perceptual distance of the fit, if any.
         device: device of the fit.
         segments: those of the fit; None if stereo has to compute them first. Without them, the extent of the hair is
-            unknown, and memory is estimated for hair as large as the head mesh.
+            unknown, and memory is estimated for hair as large as the bust.
         distance: signed distance to the head.
     """
     roots = sample_roots(head.to("cpu"), STAND_IN_POINTS, torch.Generator().manual_seed(config.seed))
@@ -93,7 +97,7 @@ def forecast(
     plain = appearance_begins(config.steps, config.schedule)
     tracing = 0
     if config.initialise == "flow":
-        reach = head.mesh.vertices.cpu() if segments is None else segments.points.cpu()
+        reach = bust(head, roots.position) if segments is None else segments.points.cpu()
         tracing = flow_memory(torch.cat([reach, roots.position]), config.initial.flow)
     # Measured before the trial of stereo raises the peak.
     memory = peak_memory(device)
@@ -104,6 +108,12 @@ def forecast(
         fit_seconds=plain * shape + (config.steps - plain) * image,
         memory_bytes=memory + tracing,
     )
+
+
+def bust(head: Head, roots: Float[Tensor, "root 3"]) -> Float[Tensor, "vertex 3"]:
+    """Vertices of the head mesh that are as near to the roots as hair usually is: the mesh may be a whole body."""
+    vertices = head.mesh.vertices.cpu()
+    return vertices[(vertices - roots.mean(dim=0)).norm(dim=1) < USUAL_REACH]
 
 
 def steps_for(minutes: float, cost: Forecast, config: FitConfig) -> int:

@@ -1,5 +1,7 @@
 """The forecast cost of a fit, and the steps that fit into given minutes."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,7 +9,8 @@ from neural_strands.fitting.config import FitConfig, preset
 from neural_strands.fitting.schedule import appearance_begins
 from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import VOXEL_BYTES, flow_memory
-from neural_strands.runs.forecast import Forecast, steps_for
+from neural_strands.runs.forecast import USUAL_REACH, Forecast, bust, steps_for
+from neural_strands.scalp.mannequin import mannequin
 
 
 def cost(shape_seconds: float, image_seconds: float) -> Forecast:
@@ -26,6 +29,24 @@ def test_memory_of_tracing_follows_the_room_that_hair_takes() -> None:
     # Boxes of 0.3 x 0.4 x 0.2 m and 0.5 x 0.7 x 0.3 m, in voxels of 1 cm.
     assert large / small == pytest.approx((50 * 70 * 30) / (30 * 40 * 20), rel=0.1)
     assert small / (30 * 40 * 20) == pytest.approx(VOXEL_BYTES, rel=0.15)
+
+
+def test_a_head_with_a_whole_body_takes_no_more_memory() -> None:
+    head = mannequin()
+    roots = head.scalp_mesh.corners().reshape(-1, 3)
+    feet = torch.tensor([[0.5, -1.6, 0.0], [-0.5, -1.6, 0.0], [0.0, -1.6, 0.3]])
+    mesh = replace(
+        head.mesh,
+        vertices=torch.cat([head.mesh.vertices, feet]),
+        faces=torch.cat([head.mesh.faces, len(head.mesh.vertices) + torch.tensor([[0, 1, 2]])]),
+    )
+    body = replace(head, mesh=mesh)
+    assert torch.equal(bust(body, roots), bust(head, roots))
+    low, high = bust(head, roots).aminmax(dim=0)
+    # From the crown to beneath the shoulders, and no wider than those.
+    assert high[1] == head.mesh.vertices[:, 1].max()
+    assert (high - low < 2 * USUAL_REACH).all()
+    assert low[1] < roots[:, 1].min() - 0.05
 
 
 def test_sentence_tells_the_sum_and_its_parts() -> None:
