@@ -32,6 +32,10 @@ TEXTURE_WEIGHT = 0.5
 """Exponent on a texture's likelihood, below 1 because neighbouring pixels share a window and are not independent."""
 
 
+UNMIXED = 0.1
+"""Share of a look that may be rarer in a mixture than the mixture's parts allow."""
+
+
 @dataclass(frozen=True)
 class LookHistogram:
     """A density over colours and one over textures, assumed to be independent.
@@ -60,9 +64,38 @@ class LookHistogram:
             _density(gaussian_filter(texture, (1.0, 0.0), mode="nearest"), TEXTURE_FLOOR),
         )
 
+    def largest_share(self, other: "LookHistogram") -> float:
+        """Largest share of another look that can be a part of this one.
+
+        If these densities are a mixture of the other ones and unknown ones, the least ratio of the two densities
+        bounds the share of the other ones. The quantile `UNMIXED` over the other look is taken, because the pixels of
+        the mixture may look a little different.
+        """
+        return min(1.0, *(_least_ratio(mine, his) for mine, his in self._pairs(other)))
+
+    def without(self, other: "LookHistogram", share: float) -> "LookHistogram":
+        """The look that remains if another one, of this share, is taken out."""
+        return LookHistogram(
+            *(
+                _density(np.maximum(mine - share * his, 0.0), floor)
+                for (mine, his), floor in zip(self._pairs(other), (FLOOR, TEXTURE_FLOOR), strict=True)
+            )
+        )
+
+    def _pairs(self, other: "LookHistogram") -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        return (self.colour, other.colour), (self.texture, other.texture)
+
     def __call__(self, cells: UInt16[np.ndarray, "*pixel 2"]) -> Float[np.ndarray, "*pixel"]:
         """The density at each cell."""
         return self.colour[cells[..., 0]] * self.texture[cells[..., 1]] ** TEXTURE_WEIGHT
+
+
+def _least_ratio(density: np.ndarray, other: np.ndarray) -> float:
+    """Quantile `UNMIXED`, over the other density, of the ratio of the densities."""
+    ratio = density / other
+    order = np.argsort(ratio)
+    below = np.cumsum(other[order])
+    return float(ratio[order[np.searchsorted(below, UNMIXED * below[-1])]])
 
 
 def look_cells(picture: UInt8[np.ndarray, "height width 3"]) -> UInt16[np.ndarray, "height width 2"]:

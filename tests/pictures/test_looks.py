@@ -66,3 +66,27 @@ def test_weights_and_empty_views() -> None:
     chosen = LookHistogram.of([cells[half]])
     np.testing.assert_allclose(weighted.colour, chosen.colour)
     assert np.all(LookHistogram.of([]).colour == 1.0)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.6])
+def test_a_look_is_taken_out_of_a_mixture(share: float) -> None:
+    random = np.random.default_rng(0)
+
+    def pixels(count: int, mean: float, contrast: float) -> np.ndarray:
+        """Noise around a grey, as a strip that is wide enough for its textures."""
+        grey = mean + contrast * random.standard_normal((count // SIDE, SIDE, 1))
+        return look_cells(np.repeat(grey, 3, axis=2).clip(0, 255).astype(np.uint8)).reshape(-1, 2)
+
+    count = 300 * SIDE
+    hair = LookHistogram.of([pixels(count, 60.0, 20.0)])
+    clothes = pixels(round((1 - share) * count), 40.0, 3.0)
+    mixture = LookHistogram.of([np.concatenate([pixels(round(share * count), 60.0, 20.0), clothes])])
+    assert mixture.largest_share(hair) == pytest.approx(share, abs=0.07)
+    rest, alone = mixture.without(hair, share), LookHistogram.of([clothes])
+    assert np.abs(rest.colour - alone.colour).mean() < 0.1 * np.abs(mixture.colour - alone.colour).mean() + 0.05
+    assert np.abs(rest.texture - alone.texture).mean() < 0.3 * np.abs(mixture.texture - alone.texture).mean() + 0.05
+
+
+def test_a_look_may_be_another_one_whole() -> None:
+    hair = LookHistogram.of([look_cells(streaks(15.0)).reshape(-1, 2)])
+    assert hair.largest_share(hair) == pytest.approx(1.0)

@@ -1,10 +1,10 @@
 """Masks of the hair without a learned model: from the placed head, the person's outline, colour and texture.
 
 A pixel is hair, the rest of the person, or background. The head determines where hair is likely (`zones.py`). The look
-of hair is one histogram over all views, initialised on the scalp above the forehead and beside the head; each view has
-its own histograms of skin, clothes and background. A random walk aligns the border with edges. Then the views vote on
-each point of the head's surface, so that they agree on the hairline, the histograms are learned again from the result,
-and everything is repeated.
+of hair is one histogram over all views, initialised on the scalp above the forehead and beside the head. The look of
+clothes is another: that of everything below the chin, less the hair there. Each view has its own histograms of skin and
+background. A random walk aligns the border with edges. Then the views vote on each point of the head's surface, so that
+they agree on the hairline, the histograms are learned again from the result, and everything is repeated.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -36,8 +36,12 @@ PERSON_RANGE = (0.02, 0.98)
 VOTE_RANGE = (0.02, 0.98)
 DOUBT = 0.1
 """Weight in the histogram of skin or clothes of a pixel that the one of hair explains better."""
+MOST_HAIR = 0.5
+"""Largest share of what is below the chin that is taken for hair when the look of clothes is learned."""
 FRONTAL = 0.7
 """Least cosine to the front for a view to show the face: seen from the side, hair hangs in front of it."""
+CURTAIN = 0.2
+"""Probability of hair in front of the face in views from the side."""
 WISPS, WISP_WEIGHT = 0.012, 0.6
 """Distance by which hair may stick out of the person's outline, metres, and the probability of the person there."""
 NO_OUTLINE = 0.06
@@ -106,14 +110,15 @@ def find_hair(
         )
     ]
     found = [np.where(view.face, np.float16(0), _first_guess(view)) for view in seen]
-    prior: torch.Tensor | None = None
+    prior = head.prior
     vote = np.zeros(0)
     for number in range(ROUNDS):
         frontal = [view for view in seen if view.frontal] or seen
         skin = LookHistogram.of([view.cells[view.face] for view in frontal])
         hair = _hair_look(seen, found, skin)
+        clothes = _clothes_look(seen, hair)
         found = [
-            _segment(view, guess, (hair, skin), head, camera, prior)
+            _segment(view, guess, (hair, skin, clothes), head, camera, prior)
             for view, guess, camera in track(
                 list(zip(seen, found, small, strict=True)), f"finding hair, round {number + 1} of {ROUNDS}"
             )
@@ -201,27 +206,37 @@ def _hair_look(seen: Sequence[_Seen], found: Sequence[np.ndarray], skin: LookHis
     return LookHistogram.of([cells[hair(cells) > skin(cells)] for cells in sure])
 
 
+def _clothes_look(seen: Sequence[_Seen], hair: LookHistogram) -> LookHistogram:
+    """Learn the look of what is below the chin, skin and clothes, without the hair that hangs there.
+
+    Clothes may be as dark as the hair, so pixels that resemble hair cannot just be left out.
+    """
+    below = LookHistogram.of([view.cells[view.below_chin & (view.person > 0.5) & (view.prior < 0.5)] for view in seen])
+    return below.without(hair, min(below.largest_share(hair), MOST_HAIR))
+
+
 def _segment(
     view: _Seen,
     guess: np.ndarray,
-    looks: tuple[LookHistogram, LookHistogram],
+    looks: tuple[LookHistogram, LookHistogram, LookHistogram],
     head: ZonedHead,
     camera: Camera,
-    prior: torch.Tensor | None,
+    prior: torch.Tensor,
 ) -> np.ndarray:
     """Combine zone, outline and look into evidence for each pixel, then run the random walk."""
-    likely = view.prior.astype(np.float32) if prior is None else head.seen_by(camera, prior).prior
+    likely = head.seen_by(camera, prior).prior
+    if not view.frontal:
+        likely = np.where(view.face, np.maximum(likely, CURTAIN), likely)
     person = view.person.astype(np.float32)
-    hair, all_skin = looks
+    hair, all_skin, clothes = looks
     trust = np.where(hair(view.cells) > all_skin(view.cells), DOUBT, 1.0)
     own_skin = LookHistogram.of([view.cells[view.face]], [trust[view.face]]) if view.frontal else all_skin
     others = (person > 0.5) & (guess < 0.5) & ~view.face
     rest = LookHistogram.of([view.cells[others]], [trust[others]])
     background = LookHistogram.of([view.cells[person < 0.1]])
     of_hair = person * likely * hair(view.cells)
-    of_person = (
-        person * (1.0 - likely) * (0.25 * (own_skin(view.cells) + all_skin(view.cells)) + 0.5 * rest(view.cells))
-    )
+    other = np.where(view.below_chin, clothes(view.cells), rest(view.cells))
+    of_person = person * (1.0 - likely) * (0.25 * (own_skin(view.cells) + all_skin(view.cells)) + 0.5 * other)
     of_background = (1.0 - person) * background(view.cells)
     evidence = of_hair / (of_hair + of_person + of_background + 1e-12)
     return random_walk(view.picture, evidence, STRENGTH).astype(np.float16)

@@ -14,7 +14,7 @@ from neural_strands.preparation.head.template import near_landmarks
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
 
-FACE, CHEEK, SCALP, SIDE, NECK = 0.02, 0.10, 0.93, 0.40, 0.12
+FACE, CHEEK, SCALP, SIDE, NECK = 0.02, 0.10, 0.93, 0.40, 0.20
 """Probability of hair in front of the face below the brows, its border, the scalp, ears and nape, and everything below
 the chin."""
 FOREHEAD = ((0.0, 0.03, 0.06, 0.09), (0.10, 0.20, 0.50, 0.93))
