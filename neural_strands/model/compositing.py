@@ -29,6 +29,11 @@ REACH = 6
 """Distance from the strands, in pixels, up to which the network may add hair."""
 DENSEST = 0.995
 """Mean coverage above which `surrounding_odds` grows no more."""
+COVERED, BESIDE = 0.001, 0.02
+"""Weights, beside that of an open line pixel, of one that hair covers and of the pixels around, in what lies behind the
+hair of a pixel."""
+LEAST_SHARE = 1e-6
+"""Least share of a pixel by which its colour is divided."""
 CONTEXT = 14
 """Pixels beyond the farthest that may show hair which the image generator also sees."""
 
@@ -304,6 +309,38 @@ def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: in
     rows = whole.reshape(height, factor, -1).unbind(1)
     columns = sum(rows[1:], rows[0]).view(height, width, factor, channels).unbind(2)
     return sum(columns[1:], columns[0]) / factor**2
+
+
+def between_lines(
+    body: BodyImage, lines: LineBuffer, factor: int
+) -> tuple[Float[Tensor, "height width 1"], Float[Tensor, "height width 3"]]:
+    """Share of each pixel that is body, and the body's colour times that share, in what lines leave open.
+
+    Where the outline of a face crosses a pixel and hair fills the rest of it, only face is seen between the lines.
+    Means over the whole pixel would mix in background and draw a rim of it along the face. Beside that outline opacity
+    is lower, too, because fewer lines are near; what shows through there is what neighbouring pixels leave open.
+
+    Args:
+        body: drawn at `factor` times the image's resolution.
+        lines: drawn at the same resolution.
+        factor: line pixels for each pixel, along each axis.
+    """
+    is_open = (lines.segment < 0).to(body.coverage.dtype)
+    share, open_body, open_share = (
+        area_mean(each[..., None], factor)[..., 0] for each in (body.coverage, body.coverage * is_open, is_open)
+    )
+    # Within a pixel the body has one colour, which spares a product of colours at the lines' resolution.
+    colour = area_mean(body.colour, factor).permute(2, 0, 1).contiguous() / share.clamp(min=LEAST_SHARE)
+    around = BESIDE * _mean_around(torch.cat([colour * open_body, open_body[None], open_share[None]]))
+    weight, own = open_share + COVERED + around[4], open_body + COVERED * share
+    return ((own + around[3]) / weight)[..., None], ((colour * own + around[:3]) / weight).permute(1, 2, 0)
+
+
+def _mean_around(image: Float[Tensor, "channel height width"]) -> Float[Tensor, "channel height width"]:
+    """Sum over 3 x 3 pixels, divided by nine."""
+    padded = F.pad(image, (1, 1, 1, 1))
+    rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
+    return (rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]) / 9
 
 
 def drawn_share(lines: LineBuffer, factor: int) -> Float[Tensor, "height width"]:

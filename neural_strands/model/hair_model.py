@@ -25,7 +25,7 @@ from neural_strands.model.compositing import (
     Body,
     SurroundConfig,
     SurroundWeights,
-    area_mean,
+    between_lines,
     compose,
     filled_from_coarser,
     hair_rectangle,
@@ -263,8 +263,8 @@ class HairModel(nn.Module):
         camera, factor, alpha = camera.to(self.root_uv.device), self.config.supersample, hair.alpha
         seen = hair.drawing.body
         body = self.body(camera, seen, None if light is None else light.skin)
-        share = area_mean(body.coverage[..., None], factor)
-        skin, background = area_mean(body.colour, factor), self.background(camera)
+        share, skin = between_lines(body, hair.drawing.lines, factor)
+        background = self.background(camera)
         if gradient_weights is None:
             # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
             background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)

@@ -8,18 +8,32 @@ import torch
 from neural_strands.geometry.cameras import Camera, pinhole
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.model.compositing import (
+    BESIDE,
     CONTEXT,
+    COVERED,
     DENSEST,
     REACH,
     Background,
     Body,
+    BodyImage,
     SkinChange,
     SurroundConfig,
     area_mean,
+    between_lines,
     hair_rectangle,
     near_hair,
     surrounding_odds,
 )
+from neural_strands.raster.lines import LineBuffer
+
+SKIN = (0.6, 0.4, 0.3)
+
+
+def body_and_lines(is_body: torch.Tensor, is_hair: torch.Tensor) -> tuple[BodyImage, LineBuffer]:
+    """Skin of one colour and hair, at the resolution of lines."""
+    far = torch.full(is_body.shape, torch.inf)
+    body = BodyImage(is_body[..., None] * torch.tensor(SKIN), is_body.float(), far)
+    return body, LineBuffer(is_hair.long() - 1, torch.zeros(is_body.shape), far)
 
 
 def test_the_centre_is_the_present_one_with_and_without_inference_mode():
@@ -132,3 +146,51 @@ def test_area_means_are_those_of_every_square(generator, factor, channels):
             square = image[row * factor : (row + 1) * factor, column * factor : (column + 1) * factor]
             torch.testing.assert_close(mean[row, column], square.flatten(0, 1).mean(dim=0))
     assert torch.autograd.gradcheck(lambda values: area_mean(values, factor), image)
+
+
+@pytest.mark.parametrize("factor", [1, 3])
+def test_what_lies_between_lines_is_the_mean_over_open_line_pixels(generator, factor):
+    height, width = 4, 5
+    is_body, is_hair = torch.rand(2, factor * height, factor * width, generator=generator) > 0.5
+    share, colour = between_lines(*body_and_lines(is_body, is_hair), factor)
+
+    def square(row, column):
+        """Line pixels of one pixel: whether each is open, and whether it is body."""
+        part = (slice(row * factor, (row + 1) * factor), slice(column * factor, (column + 1) * factor))
+        both = zip(is_hair[part].flatten(), is_body[part].flatten(), strict=True)
+        return [(not hair, bool(body)) for hair, body in both]
+
+    for row in range(height):
+        for column in range(width):
+            body = total = 0.0
+            for covered_too, weight, pixels in (
+                (COVERED, 1.0, [(row, column)]),
+                (0.0, BESIDE / 9, [(row + y, column + x) for y in (-1, 0, 1) for x in (-1, 0, 1)]),
+            ):
+                for pixel in pixels:
+                    if 0 <= pixel[0] < height and 0 <= pixel[1] < width:
+                        for is_open, is_skin in square(*pixel):
+                            body += weight * (is_open + covered_too) * is_skin
+                            total += weight * (is_open + covered_too)
+            assert float(share[row, column]) == pytest.approx(body / total, abs=1e-5)
+            assert colour[row, column].tolist() == pytest.approx([body / total * each for each in SKIN], abs=1e-5)
+
+
+def test_no_rim_of_background_runs_along_a_face_in_front_of_hair():
+    """A face ends in the middle of a pixel, and hair fills all that it leaves."""
+    is_body = torch.zeros(9, 24, dtype=torch.bool)
+    is_body[:, :14] = True
+    share, _ = between_lines(*body_and_lines(is_body, ~is_body), 3)
+    # The pixel that the outline crosses, and the one beside it, let face shine through; those farther off, background.
+    assert share[1, :6, 0].min() > 0.7
+    assert share[1, 6:, 0].max() == 0
+    assert share[1, 4, 0] > 0.99
+
+
+def test_without_hair_the_body_is_as_it_was_drawn():
+    is_body = torch.zeros(9, 24, dtype=torch.bool)
+    is_body[:, :14] = True
+    share, colour = between_lines(*body_and_lines(is_body, torch.zeros_like(is_body)), 3)
+    plain = area_mean(is_body[..., None].float(), 3)
+    assert (share - plain).abs().max() < BESIDE
+    torch.testing.assert_close(colour, share * torch.tensor(SKIN))

@@ -18,6 +18,7 @@ from neural_strands.model.compositing import (
     START,
     SurroundConfig,
     SurroundWeights,
+    between_lines,
     filled_from_coarser,
     hair_rectangle,
     near_hair,
@@ -253,13 +254,13 @@ def test_the_background_learns_only_beside_the_hair():
     hair, camera = model(supersample=1), view((96, 80))
     output = hair.render(stubble(hair), camera)
     alpha = output.alpha.detach()[..., None]
-    body = hair.body(camera)
-    bare = (1 - body.coverage[..., None]) * (1 - alpha)
+    share, skin = between_lines(hair.body(camera), output.lines, 1)
+    bare = (1 - share) * (1 - alpha)
     assert (bare * (alpha > BACKGROUND_THROUGH)).max() > 0
     beside = bare * (alpha <= BACKGROUND_THROUGH)
     learned = [hair.background.colour, hair.body.colour]
     found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
-    expected = torch.autograd.grad((hair.background(camera) * beside + body.colour * (1 - alpha)).sum(), learned)
+    expected = torch.autograd.grad((hair.background(camera) * beside + skin * (1 - alpha)).sum(), learned)
     for one, other in zip(found, expected, strict=True):
         assert other.abs().sum() > 0
         torch.testing.assert_close(one, other)
@@ -270,9 +271,9 @@ def test_body_and_background_learn_where_they_are_told_to(generator):
     weights = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
     plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, gradient_weights=weights)
     assert torch.equal(output.rgb, plain.rgb)
-    alpha, body = output.alpha.detach()[..., None], hair.body(camera)
-    bare = (1 - body.coverage[..., None]) * weights.background[..., None]
-    shown = hair.background(camera) * bare + body.colour * weights.body[..., None]
+    alpha, (share, skin) = output.alpha.detach()[..., None], between_lines(hair.body(camera), output.lines, 1)
+    bare = (1 - share) * weights.background[..., None]
+    shown = hair.background(camera) * bare + skin * weights.body[..., None]
     learned = [hair.background.colour, hair.body.colour]
     found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
     expected = torch.autograd.grad((shown * (1 - alpha)).sum(), learned)
