@@ -14,6 +14,18 @@ FORMAT = 1
 SUBJECT = "subject.json"
 ADVICE = "remove the subject's folder, and it is done anew"
 MOST_FIGURES = 100
+THUMBNAIL = "thumbnail.png"
+"""A small picture of the result in the folder of a subject."""
+FIGURES = {
+    "held_out_views.psnr": "PSNR, dB",
+    "held_out_views.ssim": "SSIM",
+    "held_out_views.lpips": "LPIPS",
+    "strands_in_views_percent.direction": "direction within 20°, %",
+    "strands_in_views_percent.on_background": "on background, %",
+    "unseen_strands_percent": "unseen, %",
+    "strands.2mm/20deg.f_score": "F at 2 mm, %",
+}
+"""Figures of an evaluation that are kept for the summary: their paths in it, and their column heads."""
 
 
 @dataclass(frozen=True)

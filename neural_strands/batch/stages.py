@@ -10,9 +10,9 @@ from typing import Any
 import cv2
 import torch
 
+from neural_strands.batch.records import FIGURES, THUMBNAIL
 from neural_strands.batch.storage import INPUTS, fetched
 from neural_strands.batch.subjects import Stage, Subject
-from neural_strands.batch.summary import FIGURES, THUMBNAIL
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views

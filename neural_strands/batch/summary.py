@@ -4,25 +4,16 @@ import tempfile
 from pathlib import Path
 
 from neural_strands.batch.plan import Plan, Row
+from neural_strands.batch.records import FIGURES, THUMBNAIL
 from neural_strands.batch.storage import Store
 from neural_strands.batch.subjects import STAGES
 from neural_strands.batch.table import duration, whole
 from neural_strands.evaluation.page import Gallery, Table, write_page
 
-PAGE, THUMBNAIL = "index.html", "thumbnail.png"
+PAGE = "index.html"
 MOST_THUMBNAILS = 200
 """Largest number of thumbnails; with more, the page would load slowly."""
 REPORT = "run/report/index.html"
-FIGURES = {
-    "held_out_views.psnr": "PSNR, dB",
-    "held_out_views.ssim": "SSIM",
-    "held_out_views.lpips": "LPIPS",
-    "strands_in_views_percent.direction": "direction within 20°, %",
-    "strands_in_views_percent.on_background": "on background, %",
-    "unseen_strands_percent": "unseen, %",
-    "strands.2mm/20deg.f_score": "F at 2 mm, %",
-}
-"""Figures of an evaluation that the summary shows: their paths in it, and their column heads."""
 
 
 def write_summary(out: Store, plan: Plan) -> None:
