@@ -127,7 +127,7 @@ class RenderOutput:
         rgb: hair over body over background, sRGB-encoded; not clamped to [0, 1].
         alpha: opacity of the hair.
         hair_rgb: colour of the hair alone, linear.
-        behind_rgb: body over background, linear.
+        behind_rgb: body over background as strands leave them open (`between_lines`), linear.
         coverage: share of each pixel covered by strands.
         lines: the drawn lines, at `supersample` times the image's resolution.
         body_depth: depth of the body at that resolution, metres along the optical axis; infinite where there is none.
