@@ -30,10 +30,8 @@ DARKEST = 0.03
 TEXTURE_FLOOR = 0.05
 TEXTURE_WEIGHT = 0.5
 """Exponent on a texture's likelihood, below 1 because neighbouring pixels share a window and are not independent."""
-
-
 UNMIXED = 0.1
-"""Share of a look that may be rarer in a mixture than the mixture's parts allow."""
+"""Quantile at which `LookHistogram.largest_share` takes the ratio of two looks."""
 
 
 @dataclass(frozen=True)
@@ -67,18 +65,18 @@ class LookHistogram:
     def largest_share(self, other: "LookHistogram") -> float:
         """Largest share of another look that can be a part of this one.
 
-        If these densities are a mixture of the other ones and unknown ones, the least ratio of the two densities
-        bounds the share of the other ones. The quantile `UNMIXED` over the other look is taken, because the pixels of
-        the mixture may look a little different.
+        If this look is a mixture of the other one and an unknown one, the share of the other one is at most the
+        smallest ratio of their densities. A low quantile of the ratio is taken instead, because the same material may
+        look a little different in the mixture.
         """
-        return min(1.0, *(_least_ratio(mine, his) for mine, his in self._pairs(other)))
+        return min(1.0, *(_low_ratio(own, others) for own, others in self._pairs(other)))
 
     def without(self, other: "LookHistogram", share: float) -> "LookHistogram":
         """The look that remains if another one, of this share, is taken out."""
         return LookHistogram(
             *(
-                _density(np.maximum(mine - share * his, 0.0), floor)
-                for (mine, his), floor in zip(self._pairs(other), (FLOOR, TEXTURE_FLOOR), strict=True)
+                _density(np.maximum(own - share * others, 0.0), floor)
+                for (own, others), floor in zip(self._pairs(other), (FLOOR, TEXTURE_FLOOR), strict=True)
             )
         )
 
@@ -90,7 +88,7 @@ class LookHistogram:
         return self.colour[cells[..., 0]] * self.texture[cells[..., 1]] ** TEXTURE_WEIGHT
 
 
-def _least_ratio(density: np.ndarray, other: np.ndarray) -> float:
+def _low_ratio(density: np.ndarray, other: np.ndarray) -> float:
     """Quantile `UNMIXED`, over the other density, of the ratio of the densities."""
     ratio = density / other
     order = np.argsort(ratio)

@@ -97,7 +97,7 @@ def forecast(
     plain = appearance_begins(config.steps, config.schedule)
     tracing = 0
     if config.initialise == "flow":
-        reach = bust(head, roots.position) if segments is None else segments.points.cpu()
+        reach = near_roots(head, roots.position) if segments is None else segments.points.cpu()
         tracing = flow_memory(torch.cat([reach, roots.position]), config.initial.flow)
     # Measured before the trial of stereo raises the peak.
     memory = peak_memory(device)
@@ -110,7 +110,7 @@ def forecast(
     )
 
 
-def bust(head: Head, roots: Float[Tensor, "root 3"]) -> Float[Tensor, "vertex 3"]:
+def near_roots(head: Head, roots: Float[Tensor, "root 3"]) -> Float[Tensor, "vertex 3"]:
     """Vertices of the head mesh that are as near to the roots as hair usually is: the mesh may be a whole body."""
     vertices = head.mesh.vertices.cpu()
     return vertices[(vertices - roots.mean(dim=0)).norm(dim=1) < USUAL_REACH]

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
+from neural_strands.cli.main import main
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.preparation.head.builtin import STORED
 from neural_strands.preparation.masks.hair import find_hair
@@ -17,11 +18,6 @@ from neural_strands.preparation.photographs.folder import write_picture
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.mannequin import mannequin
-from neural_strands.synthesis.dome import DomeConfig
-from neural_strands.synthesis.groom import make_groom
-from neural_strands.synthesis.path_tracer import TracingConfig
-from neural_strands.synthesis.styles import MELANIN, STYLES
-from neural_strands.synthesis.synthesize import SynthesisConfig, synthesize
 
 DARK = 0.14
 """Light that clothes reflect, as a share of what the mannequin's skin does: about as dark as the demo's brown hair."""
@@ -33,9 +29,7 @@ COLLAR = 0.02
 def demo_capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     """The demo's photographs, which nobody has to render."""
     folder = tmp_path_factory.mktemp("demo_capture")
-    groom = make_groom(mannequin(), STYLES["straight"], MELANIN["brown"], 10_000, torch.Generator().manual_seed(0))
-    config = SynthesisConfig(DomeConfig(), TracingConfig(melanin=MELANIN["brown"]))
-    synthesize(folder, mannequin(), groom, config, {"style": "straight", "strands": 10_000}, shipped=True)
+    assert main(["synthesize", str(folder), "--style", "straight", "--shipped"]) == 0
     return Capture.load(folder)
 
 

@@ -9,7 +9,7 @@ from neural_strands.fitting.config import FitConfig, preset
 from neural_strands.fitting.schedule import appearance_begins
 from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import VOXEL_BYTES, flow_memory
-from neural_strands.runs.forecast import USUAL_REACH, Forecast, bust, steps_for
+from neural_strands.runs.forecast import USUAL_REACH, Forecast, near_roots, steps_for
 from neural_strands.scalp.mannequin import mannequin
 
 
@@ -41,8 +41,8 @@ def test_a_head_with_a_whole_body_takes_no_more_memory() -> None:
         faces=torch.cat([head.mesh.faces, len(head.mesh.vertices) + torch.tensor([[0, 1, 2]])]),
     )
     body = replace(head, mesh=mesh)
-    assert torch.equal(bust(body, roots), bust(head, roots))
-    low, high = bust(head, roots).aminmax(dim=0)
+    assert torch.equal(near_roots(body, roots), near_roots(head, roots))
+    low, high = near_roots(head, roots).aminmax(dim=0)
     # From the crown to beneath the shoulders, and no wider than those.
     assert high[1] == head.mesh.vertices[:, 1].max()
     assert (high - low < 2 * USUAL_REACH).all()

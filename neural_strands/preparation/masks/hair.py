@@ -110,7 +110,7 @@ def find_hair(
         )
     ]
     found = [np.where(view.face, np.float16(0), _first_guess(view)) for view in seen]
-    prior = head.prior
+    prior: torch.Tensor | None = None
     vote = np.zeros(0)
     for number in range(ROUNDS):
         frontal = [view for view in seen if view.frontal] or seen
@@ -221,10 +221,10 @@ def _segment(
     looks: tuple[LookHistogram, LookHistogram, LookHistogram],
     head: ZonedHead,
     camera: Camera,
-    prior: torch.Tensor,
+    prior: torch.Tensor | None,
 ) -> np.ndarray:
     """Combine zone, outline and look into evidence for each pixel, then run the random walk."""
-    likely = head.seen_by(camera, prior).prior
+    likely = view.prior.astype(np.float32) if prior is None else head.seen_by(camera, prior).prior
     if not view.frontal:
         likely = np.where(view.face, np.maximum(likely, CURTAIN), likely)
     person = view.person.astype(np.float32)
