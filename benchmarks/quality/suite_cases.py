@@ -92,6 +92,7 @@ CASES = (
     Case("long_curls", "tuning", "straight_long", Winding(0.005, 0.028), colour="brown", light_turn=60),
     Case("wavy_style", "tuning", "wavy", head="mannequin", colour="black", views=32),
     Case("straight_style", "tuning", "straight", head="mannequin", colour="blond", views=20),
+    Case("long_ringlets", "tuning", "wavy_long", Winding(0.005, 0.032), colour="brown", light_turn=45, seed=4),
     Case("bob_coils", "tuning", "sintel_bob", Winding(0.003, 0.015), colour="black", light_turn=-60, views=32),
     Case("long_waves", "test", "straight_long", Winding(0.008, 0.06, 0.5), colour="auburn", light_turn=120, seed=1),
     Case("wavy_curls", "test", "wavy_long", Winding(0.004, 0.024), colour="blond", light_turn=-120, seed=1),

@@ -86,7 +86,7 @@ def trace_first_strands(
     room = hair_room(segments, views, head.mesh, roots.position, config, distance)
     flow = hair_flow(room, segments, roots.position, roots.normal, config)
     plain = trace_hair(flow, roots.position, roots.normal, config.trace)
-    found = find_curls(room, segments, views, flow, plain.points, roots.normal, head.scalp_faces, config)
+    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config)
     if found is None:
         return plain
     curl = found.curl

@@ -47,10 +47,12 @@ class FlowCells:
     Attributes:
         neighbours: cell behind each face; the number of cells where there is none.
         open: faces without a neighbouring cell through which hair passes: from the scalp, or out of the volume.
+        scalp: those of them that hair comes through from the scalp.
     """
 
     neighbours: Int64[Tensor, "cell 6"]
     open: Bool[Tensor, "cell 6"]
+    scalp: Bool[Tensor, "cell 6"]
 
     @property
     def inner(self) -> Bool[Tensor, "cell 6"]:
@@ -98,6 +100,8 @@ def conserve(
         flow = 0.5 * (faces[:, :3] - faces[:, 3:])
         speed = (flow * given).sum(dim=1)
         speed = (speed / speed.mean().clamp(min=1e-6)).clamp(config.least_speed, config.most_speed)
+        # No hair grows into the scalp.
+        cells = replace(cells, open=cells.open & ~(cells.scalp & (faces > 0)))
     turned = flow.norm(dim=1, keepdim=True) > 1e-6
     if field.measured is not None:
         turned = turned & ~field.measured.reshape(-1, 1)[number]
@@ -141,8 +145,9 @@ def flow_cells(
     neighbours = face_neighbours(domain)
     outward = torch.cat([directions, -directions], dim=1)
     leaving = (directions * normals).sum(dim=1) > way_out
-    passed = behind_faces(scalp, domain, False) | (leaving[:, None] & (outward > 0))
-    return FlowCells(neighbours, passed & (neighbours == len(neighbours)))
+    free = neighbours == len(neighbours)
+    rooted = behind_faces(scalp, domain, False) & free
+    return FlowCells(neighbours, rooted | (leaving[:, None] & (outward > 0) & free), rooted)
 
 
 def face_flow(flow: Float[Tensor, "cell 3"], cells: FlowCells) -> Float[Tensor, "cell 6"]:

@@ -63,6 +63,8 @@ class CurlConfig:
     """Smallest length of the mean of the segments' doubled directions: 0 if they lean anyhow, 1 if all lean alike."""
     way_out: Annotated[float, Between(-1, 1)] = 0.9
     """`ConservationConfig.way_out` for axes of curls, which rarely end at the side of the hair."""
+    waves_way_out: Annotated[float, Between(-1, 1)] = 0.3
+    """The same for axes of waves."""
     lock: Annotated[float, Between(1e-4, 1)] = 0.014
     """Distance on the scalp between locks of hair that curl in phase, metres."""
 

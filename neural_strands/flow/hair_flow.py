@@ -35,6 +35,8 @@ from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
+SKIN = 0.008
+"""Height above the head below which directions into it are turned along it, metres."""
 VOXEL_BYTES = 180
 """Peak memory of `hair_room` and `hair_flow`, bytes per voxel of their grid (152 and 181 measured)."""
 
@@ -150,7 +152,24 @@ def hair_flow(
     if room.masked:
         domain = domain & (marked(domain, guess.voxels) | behind_segments(room, segments, config))
     smooth = diffuse_directions(room.grid, domain, segments, scalp_points, scalp_normals, config.flow, guess)
-    return conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation)
+    full = conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation)
+    return along_skin(full, room.layer)
+
+
+def along_skin(field: FlowField, layer: HeadLayer) -> FlowField:
+    """Turn directions that lead into the head along it, at the skin completely and less above: strands end in the air.
+
+    Args:
+        field: growth directions.
+        layer: distances to the head around it.
+    """
+    voxels = torch.nonzero(field.domain.reshape(-1)).squeeze(1)
+    height, outward, _ = layer.at(field.grid.nodes(field.domain.device).reshape(-1, 3)[voxels])
+    given = field.directions.reshape(-1, 3)[voxels]
+    into = (given * outward).sum(dim=-1, keepdim=True).clamp(max=0)
+    turned = functional.normalize(given - (1 - height / SKIN).clamp(0, 1)[:, None] * into * outward, dim=-1)
+    directions = field.directions.reshape(-1, 3).index_copy(0, voxels, turned)
+    return replace(field, directions=directions.reshape_as(field.directions))
 
 
 def behind_segments(room: HairRoom, segments: LineSegments, config: InitialConfig) -> Bool[Tensor, "x y z"]:

@@ -148,6 +148,16 @@ def test_strands_from_a_scalp_fill_the_room_above_it():
     assert 0.3 < upper_half(12) < 0.6
 
 
+def test_hair_does_not_end_in_the_scalp():
+    """A slab over a flat scalp, open at its far end, whose directions lead a little into the scalp."""
+    grid, domain, roots = over_flat_scalp((60, 8, 3))
+    given = torch.nn.functional.normalize(torch.tensor([1.0, -0.15, 0.0]), dim=0)
+    field, normals = FlowField(grid, given.expand(*grid.shape, 3), domain), UP.expand(len(roots), 3)
+    filled = conserve(field, roots, normals, 0.0, ConservationConfig(rounds=12, way_out=0.5))
+    next_to_scalp = filled.directions[2:50, 1]
+    assert float(next_to_scalp[..., 1].min()) > -0.02
+
+
 def test_directions_turn_less_when_speed_is_free(generator):
     grid, domain, roots = over_flat_scalp((12, 6, 12))
     centres = grid.nodes() - torch.tensor([6.0, -2.0, 6.0])

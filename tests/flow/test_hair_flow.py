@@ -6,8 +6,16 @@ import pytest
 import torch
 from tiny_capture import RADIUS, ball, cameras, combed_strands, true_segments
 
-from neural_strands.flow.field import FlowConfig
-from neural_strands.flow.hair_flow import HairRoom, InitialConfig, behind_segments, hair_room, hanging_flow
+from neural_strands.flow.field import FlowConfig, FlowField
+from neural_strands.flow.hair_flow import (
+    SKIN,
+    HairRoom,
+    InitialConfig,
+    along_skin,
+    behind_segments,
+    hair_room,
+    hanging_flow,
+)
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import segments
 from neural_strands.geometry.views import Views
@@ -76,3 +84,21 @@ def test_hanging_hair_runs_as_combed_hair_does(hair, room):
     cosine = torch.nn.functional.cosine_similarity(found, along)
     assert cosine.median() > math.cos(math.radians(20))
     assert (cosine > 0).float().mean() > 0.97
+
+
+def test_directions_at_the_skin_do_not_lead_into_it(room, generator):
+    given = torch.nn.functional.normalize(torch.randn(*room.grid.shape, 3, generator=generator), dim=-1)
+    found = along_skin(FlowField(room.grid, given, room.domain), room.layer).directions
+    nodes = room.grid.nodes()
+    height, outward = nodes.norm(dim=-1) - RADIUS, torch.nn.functional.normalize(nodes, dim=-1)
+    into, rise = (given * outward).sum(dim=-1), (found * outward).sum(dim=-1)
+    # The ball is a mesh, and its distances are interpolated on a coarse grid: half a millimetre and a few degrees.
+    # Directions straight into the head leave next to nothing that lies along it.
+    skin = room.domain & (height < 0) & (into > -0.8)
+    assert skin.any()
+    assert float(rise[skin].min()) > -0.1
+    assert torch.equal(found[height > SKIN + 0.001], given[height > SKIN + 0.001])
+    assert torch.equal(found[~room.domain], given[~room.domain])
+    outwards = room.domain & (into > 0.1)
+    torch.testing.assert_close(found[outwards], given[outwards])
+    torch.testing.assert_close(found.norm(dim=-1), torch.ones(room.grid.shape))

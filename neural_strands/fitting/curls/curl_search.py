@@ -135,7 +135,6 @@ def find_curls(
     room: HairRoom,
     segments: LineSegments,
     views: Views,
-    flow: FlowField,
     plain: Float[Tensor, "root point 3"],
     scalp_normals: Float[Tensor, "root 3"],
     scalp_faces: Int64[Tensor, " scalp"],
@@ -147,8 +146,7 @@ def find_curls(
         room: where hair can be.
         segments: line segments of the hair.
         views: the photographs.
-        flow: the flow along the segments as they are.
-        plain: strands traced through it.
+        plain: strands traced along the segments as they are.
         scalp_normals: outward unit normals at their roots.
         scalp_faces: the faces of the head that hair grows from.
         config: settings of the initial strands.
@@ -157,17 +155,21 @@ def find_curls(
         return None
     seen, every = photographs(views), max(1, math.ceil(len(plain) / MOST_STRANDS))
     drawn, normals = plain[::every], scalp_normals[::every]
-    helices = _find_helices(room, segments, seen, (plain[:, 0], scalp_normals), drawn, normals, scalp_faces, config)
-    return helices or _find_waves(flow, seen, drawn, normals, config.curls)
+    scalp = (plain[:, 0], scalp_normals)
+    if helices := _find_helices(room, segments, seen, scalp, drawn, normals, scalp_faces, config):
+        return helices
+    curl = _find_waves(seen, drawn, normals, config.curls)
+    if curl is None:
+        return None
+    return FoundCurls(curl, hair_flow(room, segments, *scalp, _leaving(config, config.curls.waves_way_out)))
 
 
 def _find_waves(
-    flow: FlowField,
     seen: "Photographs",
     plain: Float[Tensor, "strand point 3"],
     normals: Float[Tensor, "strand 3"],
     config: CurlConfig,
-) -> FoundCurls | None:
+) -> Curl | None:
     """Look for waves about the strands that follow the segments as they are."""
     comparison = Comparison.along(plain, seen)
     straight = comparison.of(plain)
@@ -178,7 +180,7 @@ def _find_waves(
     if drawn.repetition_difference(comparison.seen) > straight.repetition_difference(comparison.seen):
         # What repeats in these photographs is not the waves.
         curl, drawn = closest_curl(comparison, normals, 0, config, (USUAL_PITCH,))
-    return FoundCurls(curl, flow) if drawn.lean_difference(comparison.seen) < CLEARLY * plainly else None
+    return curl if drawn.lean_difference(comparison.seen) < CLEARLY * plainly else None
 
 
 def _find_helices(
@@ -201,7 +203,7 @@ def _find_helices(
         return None
     # Neighbours sign turned segments better than the hanging course does, for instance at a parting.
     straight = orient_segments(turned_back(kept, course, lean.angle), room.head, scalp_faces, [], GrowthConfig())
-    along = replace(config, conservation=replace(config.conservation, way_out=config.curls.way_out))
+    along = _leaving(config, config.curls.way_out)
     axes = hair_flow(room.inset(FIRST_INSET), straight, *scalp, along)
     traced = trace_hair(axes, plain[:, 0], normals, config.trace).points
     turn = -round(math.copysign(1, lean.angle))
@@ -302,6 +304,11 @@ def closest_curl(
     pitch = min(pitches, key=lambda pitch: texture(slope, pitch).difference(seen, FOR_SIZE))
     slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen, FOR_SIZE))
     return size(slope, pitch), texture(slope, pitch)
+
+
+def _leaving(config: InitialConfig, way_out: float) -> InitialConfig:
+    """Settings with another `ConservationConfig.way_out`."""
+    return replace(config, conservation=replace(config.conservation, way_out=way_out))
 
 
 def _is_strong(lean: Lean, config: CurlConfig) -> bool:

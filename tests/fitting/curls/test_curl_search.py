@@ -14,7 +14,7 @@ from neural_strands.fitting.curls.curl_search import curl_strands, find_curls, l
 from neural_strands.fitting.curls.streaks import drawn_hair
 from neural_strands.fitting.first_strands import trace_first_strands
 from neural_strands.flow.curls import Curl, Locks, curled
-from neural_strands.flow.field import FlowConfig, FlowField
+from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hair_room
 from neural_strands.flow.tracing import trace_hair
 from neural_strands.geometry.cameras import Camera
@@ -86,12 +86,12 @@ class Photographed:
     def room(self) -> HairRoom:
         return hair_room(self.segments, self.views, head(), self.roots, CONFIG)
 
-    def plain(self, room: HairRoom) -> tuple[FlowField, torch.Tensor]:
-        """The flow along the segments as they are, signed downwards, and strands traced through it."""
+    def plain(self, room: HairRoom) -> torch.Tensor:
+        """Strands traced along the segments as they are, signed downwards."""
         down = torch.where(self.segments.directions[:, 1:2] > 0, -1.0, 1.0)
         signed = replace(self.segments, directions=down * self.segments.directions)
         flow = hair_flow(room, signed, self.roots, self.normals, CONFIG)
-        return flow, trace_hair(flow, self.roots, self.normals, CONFIG.trace).points
+        return trace_hair(flow, self.roots, self.normals, CONFIG.trace).points
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +105,8 @@ def curly() -> Photographed:
 @pytest.mark.slow(seconds=40)
 def test_curls_are_found_and_wound(curly):
     room = curly.room()
-    flow, plain = curly.plain(room)
-    found = find_curls(room, curly.segments, curly.views, flow, plain, curly.normals, SCALP, CONFIG)
+    plain = curly.plain(room)
+    found = find_curls(room, curly.segments, curly.views, plain, curly.normals, SCALP, CONFIG)
     assert found is not None
     assert found.curl.turn == TRUE.turn
     assert found.curl.pitch == pytest.approx(TRUE.pitch, rel=0.25)
@@ -149,7 +149,7 @@ def test_locks_that_wave_either_way_are_found():
     wavy = Photographed(curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), waves, distance))
     room = wavy.room()
     assert lean_off_gravity(room, wavy.segments).agreement < 0.7
-    found = find_curls(room, wavy.segments, wavy.views, *wavy.plain(room), wavy.normals, SCALP, CONFIG)
+    found = find_curls(room, wavy.segments, wavy.views, wavy.plain(room), wavy.normals, SCALP, CONFIG)
     assert found is not None
     assert found.curl.turn == 0
     assert found.curl.pitch == pytest.approx(waves.pitch, rel=0.3)
@@ -163,7 +163,7 @@ def test_straight_hair_has_no_curls():
     assert abs(math.degrees(lean.angle)) < 5
     assert lean.agreement > 0.9
     assert (
-        find_curls(room, straight.segments, straight.views, *straight.plain(room), straight.normals, SCALP, CONFIG)
+        find_curls(room, straight.segments, straight.views, straight.plain(room), straight.normals, SCALP, CONFIG)
         is None
     )
 
@@ -179,13 +179,12 @@ def test_straight_hair_combed_to_one_side_has_no_curls(curly):
     room = combed.room()
     lean = lean_off_gravity(room, combed.segments)
     assert abs(math.degrees(lean.angle)) > CONFIG.curls.least_lean
-    assert find_curls(room, combed.segments, combed.views, *combed.plain(room), combed.normals, SCALP, CONFIG) is None
+    assert find_curls(room, combed.segments, combed.views, combed.plain(room), combed.normals, SCALP, CONFIG) is None
 
 
 def test_nothing_is_searched_without_masks_or_if_switched_off(curly):
-
     room = curly.room()
     off = replace(CONFIG, curls=replace(CONFIG.curls, find=False))
-    scalp = curly.plain(room)[0], curly.roots[:, None], curly.normals
+    scalp = curly.roots[:, None], curly.normals
     assert find_curls(room, curly.segments, curly.views, *scalp, SCALP, off) is None
     assert find_curls(replace(room, masked=False), curly.segments, curly.views, *scalp, SCALP, CONFIG) is None
