@@ -7,22 +7,29 @@ each, which autograd computes, sums the pixels that see each vertex or texel.
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.foundation.srgb import to_linear, to_srgb
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.face_atlas import FaceAtlas
+from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
 from neural_strands.raster.texture import sample_texture
+from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import visible_points
 
 TINY = 1e-6
-"""Weight below which a texel or vertex counts as unseen."""
+"""Weight below which a texel counts as unseen."""
+FROM_CORNERS, FROM_ALL = 0.25, 0.001
+"""Weights of the mean at the corners of a face in the colour of a texel, and of all the body's in that at a corner,
+pixels."""
 
 
 def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
@@ -94,34 +101,73 @@ def fill_texture(
 
 
 def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Set each vertex or texel to the mean of the pixels that show it; unseen texels take the mean of their neighbours.
+    """Set each texel to the mean of the pixels that show it; see `body_texture` and `fill_texture` for the others.
 
     A person mask determines which pixels show body and background. Without one, the body is also sampled between hair,
-    in its shadow, and the background only where there is almost no hair.
+    in its shadow, and the background only where there is almost no hair. Pixels count for the body by how squarely the
+    camera sees its surface: from the side, an error of the mesh moves the picture most.
     """
     colours = (model.body.colour, model.background.colour)
     sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
     for target in targets:
         hair, light = _hair(model, strands, target), to_linear(target.image)
-        body = model.body(target.camera)
+        seen = rasterise_triangles(model.body.vertices, model.body.faces, target.camera)
+        body = model.body(target.camera, seen)
         shown = (body.colour, model.background(target.camera))
         surround = surround_weights(target, hair)
         if surround is None:
             shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         else:
             shares = (surround.body * (1 - hair), surround.background)
+        shares = (shares[0] * _squarely(model.body.mesh, seen, target.camera), shares[1])
         for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
             for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
                 total += weighted_gradient(image, value * share[..., None], colour, retain_graph=True)
     with torch.no_grad():
-        for colour, total, weight in zip(colours, sums, weights, strict=True):
-            if weight.sum() <= TINY:
-                continue
-            if colour.dim() == 3:
-                colour.copy_(fill_texture(total, weight[..., :1]))
-            else:
-                mean = total.sum(dim=0) / weight.sum(dim=0)
-                colour.copy_(torch.where(weight > TINY, total / weight.clamp(min=TINY), mean))
+        if weights[0].sum() > TINY:
+            colours[0].copy_(body_texture(sums[0], weights[0][..., :1], model.body.atlas, model.body.faces))
+        if weights[1].sum() > TINY:
+            colours[1].copy_(fill_texture(sums[1], weights[1][..., :1]))
+
+
+def body_texture(
+    total: Float[Tensor, "height width 3"],
+    weight: Float[Tensor, "height width 1"],
+    atlas: FaceAtlas,
+    faces: Int64[Tensor, "face 3"],
+) -> Float[Tensor, "height width 3"]:
+    """Weighted means of texels; those that few pixels show also take the mean at the corners of their face.
+
+    Args:
+        total: sums of colours, weighted.
+        weight: sums of weights, in pixels; more than zero for at least one texel.
+        atlas: where the faces lie in the texture.
+        faces: the body's faces.
+    """
+    texels = atlas.texels()
+    texel, face, share = (part.to(total.device) for part in (texels.texel, texels.face, texels.barycentric))
+    values = torch.cat([total, weight], dim=2).flatten(0, 1)
+    corners = faces[face]
+    at_vertices = values.new_zeros(int(faces.max()) + 1, 4)
+    for corner in range(3):
+        at_vertices.index_add_(0, corners[:, corner], share[:, corner, None] * values[texel])
+    mean = at_vertices.sum(dim=0)
+    colour = at_vertices[:, :3] + FROM_ALL * mean[:3] / mean[3]
+    colour = colour / (at_vertices[:, 3:] + FROM_ALL)
+    around = (colour[corners] * share[..., None]).sum(dim=1)
+    values[texel, :3] += FROM_CORNERS * around
+    values[texel, 3:] += FROM_CORNERS
+    return (values[:, :3] / values[:, 3:].clamp(min=TINY)).view_as(total)
+
+
+def _squarely(body: Mesh, seen: TriangleBuffer, camera: Camera) -> Float[Tensor, "height width"]:
+    """Squared cosine between each pixel's ray and the surface that it meets."""
+    normals = face_normals(body)
+    if len(normals) == 0:
+        return torch.zeros_like(seen.depth)
+    rays = F.normalize(camera.rays(camera.pixel_centres().view(-1, 2)), dim=-1)
+    cosine = (normals[seen.face.view(-1).clamp(min=0)] * rays).sum(dim=-1)
+    return cosine.square().view_as(seen.depth)
 
 
 @torch.no_grad()

@@ -36,7 +36,7 @@ from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 SKIN = 0.008
-"""Height above the head below which directions into it are turned along it, metres."""
+"""Distance from the scalp up to which directions into it are turned along it, metres."""
 VOXEL_BYTES = 180
 """Peak memory of `hair_room` and `hair_flow`, bytes per voxel of their grid (152 and 181 measured)."""
 
@@ -153,18 +153,25 @@ def hair_flow(
         domain = domain & (marked(domain, guess.voxels) | behind_segments(room, segments, config))
     smooth = diffuse_directions(room.grid, domain, segments, scalp_points, scalp_normals, config.flow, guess)
     full = conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation)
-    return along_skin(full, room.layer)
+    return along_scalp(full, room.layer, scalp_points)
 
 
-def along_skin(field: FlowField, layer: HeadLayer) -> FlowField:
-    """Turn directions that lead into the head along it, at the skin completely and less above: strands end in the air.
+def along_scalp(field: FlowField, layer: HeadLayer, scalp_points: Float[Tensor, "root 3"]) -> FlowField:
+    """Turn directions that lead into the scalp along it: on the skin completely, less above.
+
+    Elsewhere on the head hair may end: strands that meet the shoulders would follow them.
 
     Args:
         field: growth directions.
         layer: distances to the head around it.
+        scalp_points: roots on the scalp.
     """
-    voxels = torch.nonzero(field.domain.reshape(-1)).squeeze(1)
-    height, outward, _ = layer.at(field.grid.nodes(field.domain.device).reshape(-1, 3)[voxels])
+    grid, reach = field.grid, round(SKIN / field.grid.spacing)
+    index, inside = grid.index(scalp_points)
+    rooted = marked(field.domain, index[inside]).to(field.directions)[None, None]
+    near = functional.max_pool3d(rooted, 2 * reach + 1, stride=1, padding=reach)[0, 0] > 0
+    voxels = torch.nonzero((field.domain & near).reshape(-1)).squeeze(1)
+    height, outward, _ = layer.at(grid.nodes(field.domain.device).reshape(-1, 3)[voxels])
     given = field.directions.reshape(-1, 3)[voxels]
     into = (given * outward).sum(dim=-1, keepdim=True).clamp(max=0)
     turned = functional.normalize(given - (1 - height / SKIN).clamp(0, 1)[:, None] * into * outward, dim=-1)

@@ -1,8 +1,7 @@
 """What lies behind the hair: a body mesh and a surrounding sphere, both with learned colours (paper, 4.3).
 
-The body's colours are a low-resolution texture if the mesh has texture coordinates, and otherwise one colour per
-vertex. The sphere's are an equirectangular texture: u follows the azimuth, v the elevation, y up. All colours are
-linear.
+The body's colours are a texture in which every face has texels of its own. The sphere's are an equirectangular texture:
+u follows the azimuth, v the elevation, y up. All colours are linear.
 """
 
 import math
@@ -16,11 +15,12 @@ from torch.nn import functional as F
 
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.face_atlas import FaceAtlas
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.splat import MINIMUM_WEIGHT
-from neural_strands.raster.texture import sample_texture
+from neural_strands.raster.texture import sample_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 
 START = 0.2
@@ -42,8 +42,10 @@ CONTEXT = 14
 class SurroundConfig:
     """Sizes of what lies behind the hair."""
 
-    body_texture: Annotated[int, Between(1, 4096)] = 256
-    """Texels per side of the body's texture; unused if the mesh has no texture coordinates."""
+    body_texture: Annotated[int, Between(1, 4096)] = 768
+    """Texels per side of the body's texture, at most; more if the mesh has too many faces."""
+    body_texel: Annotated[float, Between(1e-5, 1)] = 0.0015
+    """Finest texel of the body, metres: about a pixel of the photographs, which leave gaps between smaller ones."""
     background_texture: Annotated[int, Between(1, 4096)] = 64
     """Texels from pole to pole of the background sphere; twice as many around it."""
     background_radius: Annotated[float, Between(1e-3, 1e6)] = 10.0
@@ -96,33 +98,33 @@ class SkinChange:
 
 
 class Body(nn.Module):
-    """A mesh with learned colours; a mesh without faces covers nothing."""
+    """A mesh with learned colours; a mesh without faces covers nothing.
+
+    Attributes:
+        atlas: where its faces lie in the texture of its colours; a mesh's own texture coordinates are not used.
+    """
 
     vertices: Tensor
     faces: Tensor
-    corner_uv: Tensor | None
+    corner_uv: Tensor
 
     def __init__(self, mesh: Mesh, config: SurroundConfig) -> None:
         super().__init__()
         self.register_buffer("vertices", mesh.vertices.float().clone())
         self.register_buffer("faces", mesh.faces.clone())
-        self.register_buffer("corner_uv", None if mesh.corner_uv is None else mesh.corner_uv.float().clone())
-        size = config.body_texture
-        shape = (len(mesh.vertices), 3) if mesh.corner_uv is None else (size, size, 3)
-        self.colour = nn.Parameter(torch.full(shape, START))
+        self.atlas = FaceAtlas.within(len(mesh.faces), config.body_texture, _edge_steps(mesh, config.body_texel))
+        self.register_buffer("corner_uv", self.atlas.corner_uv().to(mesh.vertices.device), persistent=False)
+        self.colour = nn.Parameter(torch.full((self.atlas.size, self.atlas.size, 3), START))
 
     @property
     def mesh(self) -> Mesh:
         """The mesh on which the colours are learned."""
-        return Mesh(self.vertices, self.faces, self.corner_uv)
+        return Mesh(self.vertices, self.faces)
 
     def vertex_colours(self) -> Float[Tensor, "vertex 3"]:
-        """Linear colours at the vertices; a vertex with several texture coordinates takes the colour at one of them."""
-        if self.corner_uv is None:
-            return self.colour
-        uv = self.corner_uv.new_zeros(len(self.vertices), 2)
-        uv[self.faces.flatten()] = self.corner_uv.flatten(0, 1)
-        return sample_texture(self.colour, uv)
+        """Linear colours at the vertices, each from one of its faces; zero at vertices of no face."""
+        at_corners = sample_picture(self.colour, self.corner_uv.flatten(0, 1))
+        return self.colour.new_zeros(len(self.vertices), 3).index_put((self.faces.flatten(),), at_corners)
 
     def forward(
         self, camera: Camera, seen: TriangleBuffer | None = None, change: SkinChange | None = None
@@ -153,16 +155,19 @@ class Body(nn.Module):
         change: SkinChange | None,
     ) -> Float[Tensor, "pixel 3"]:
         """Linear colours at barycentric positions on faces."""
-        if self.corner_uv is None:
-            corners = self.colour.index_select(0, self.faces.flatten()).view(*self.faces.shape, self.colour.shape[1])
-            colour = interpolate(corners, face, barycentric)
-        else:
-            colour = sample_texture(self.colour, interpolate(self.corner_uv, face, barycentric))
+        colour = sample_picture(self.colour, interpolate(self.corner_uv, face, barycentric))
         if change is None:
             return colour
         at_vertices = torch.cat([change.factor[:, None], change.share[:, None], change.instead], dim=1)
         factor, share, instead = interpolate(at_vertices[self.faces], face, barycentric).split([1, 1, 3], dim=1)
         return torch.lerp(colour * factor, instead, share)
+
+
+def _edge_steps(mesh: Mesh, step: float) -> int:
+    """Steps along a typical edge of a mesh."""
+    corners = mesh.corners()
+    lengths = (corners[:, 1] - corners[:, 0]).norm(dim=-1)
+    return round(float(lengths.median()) / step) if len(lengths) else 1
 
 
 class Background(nn.Module):
@@ -197,7 +202,7 @@ class Background(nn.Module):
         columns = self.colour.shape[1]
         uv = equirectangular(on_sphere)
         u = (uv[:, 0] * columns + 1) / (columns + 2)
-        colour = sample_texture(wrapped, torch.stack([u, uv[:, 1]], dim=1))
+        colour = sample_picture(wrapped, torch.stack([u, uv[:, 1]], dim=1))
         return colour.view(camera.height, camera.width, 3)
 
 

@@ -22,7 +22,7 @@ CONFIG_NAME = "config.json"
 MODEL_NAME = "model"
 """Name of the model's folder inside a run."""
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 7
+FORMAT = 8
 """Version of the folder's layout and of what the networks see."""
 ADVICE = "copy the folder again or fit anew"
 SHAPES = {
@@ -31,7 +31,6 @@ SHAPES = {
     "root_frame": "root 3 3",
     "body.vertices": "vertex 3",
     "body.faces": "face 3",
-    "body.corner_uv": "face 3 2",
     "textures.shape": "texel texel latent",
     "textures.appearance": "colour_texel colour_texel feature",
 }
@@ -143,8 +142,6 @@ def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConf
         "feature": textures.appearance_channels * textures.appearance_knots,
     }
     for name, shape in SHAPES.items():
-        if name == "body.corner_uv" and name not in tensors:
-            continue
         found = tuple(tensors[name].shape) if name in tensors else ()
         axes = shape.split()
         if len(found) != len(axes) or any(
@@ -171,4 +168,4 @@ def _roots(tensors: dict[str, Tensor]) -> Roots:
 
 
 def _body(tensors: dict[str, Tensor]) -> Mesh:
-    return Mesh(tensors["body.vertices"], tensors["body.faces"], tensors.get("body.corner_uv"))
+    return Mesh(tensors["body.vertices"], tensors["body.faces"])

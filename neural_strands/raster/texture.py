@@ -12,6 +12,7 @@ import scipy.special
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn import functional
 
 NEGLIGIBLE = 1e-6
 """Frequencies that the blur attenuates to less than this are left out, and so are the outermost taps of this sum."""
@@ -48,6 +49,20 @@ def sample_bilinear(
     upper = torch.lerp(corners[0], corners[1], across)
     lower = torch.lerp(corners[2], corners[3], across)
     return torch.lerp(upper, lower, down)
+
+
+def sample_picture(
+    texture: Float[Tensor, "height width channel"], uv: Float[Tensor, "point 2"]
+) -> Float[Tensor, "point channel"]:
+    """The same as `sample_bilinear`, up to rounding, but much faster for many points and few channels."""
+    read = functional.grid_sample(
+        texture.permute(2, 0, 1)[None],
+        (2 * uv - 1)[None, None],
+        mode="bilinear",
+        padding_mode="border",
+        align_corners=False,
+    )
+    return read[0, :, 0].T
 
 
 def blur_gradient(

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from neural_strands.fitting.first_colours import (
+    body_texture,
     fill_texture,
     initialise_colours,
     photographed_colours,
@@ -13,6 +14,7 @@ from neural_strands.fitting.first_colours import (
 )
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.face_atlas import FaceAtlas
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
@@ -76,6 +78,25 @@ def test_filling_keeps_what_is_known_and_constants_everywhere(generator):
     torch.testing.assert_close(fill_texture(3 * weight.expand(-1, -1, 2), weight), torch.full((9, 13, 2), 3.0))
 
 
+def test_texels_that_no_pixel_shows_take_the_colour_at_the_corners_of_their_face():
+    atlas, faces = FaceAtlas(2, 9), torch.tensor([[0, 1, 2], [2, 1, 3]])
+    texels = atlas.texels()
+    weight = torch.zeros(atlas.size**2, 1)
+    weight[texels.texel[texels.face == 0]] = 50.0
+    colour = torch.tensor([0.2, 0.4, 0.6])
+    shape = (atlas.size, atlas.size, -1)
+    found = body_texture((weight * colour).view(shape), weight.view(shape), atlas, faces).view(-1, 3)[texels.texel]
+    torch.testing.assert_close(found, colour.expand_as(found))
+    # One red texel among many does not colour its face.
+    total = weight * colour
+    speck = texels.texel[texels.face == 1][5]
+    weight[speck], total[speck] = 0.05, torch.tensor([0.05, 0.0, 0.0])
+    found = body_texture(total.view(shape), weight.view(shape), atlas, faces).view(-1, 3)
+    others = texels.texel[texels.texel != speck]
+    assert (found[others] - colour).abs().max() < 0.01
+    assert (found[speck] - colour).abs().max() < 0.2
+
+
 def test_first_colours_are_those_of_the_pixels(scene, generator):
     model, strands, cameras = scene
     colour = torch.rand(STRANDS, 3, generator=generator)
@@ -85,7 +106,8 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     assert seen.sum() > STRANDS // 2
     torch.testing.assert_close(found[seen], to_linear(colour[seen]))
     initialise_colours(model, strands, targets)
-    torch.testing.assert_close(model.body.colour.detach(), torch.ones(4, 3))
+    own = model.body.colour.detach().flatten(0, 1)[model.body.atlas.texels().texel]
+    torch.testing.assert_close(own, torch.ones_like(own))
     torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
     stored = model.textures.sample_appearance(strands.root_uv)[:, 0, :3].detach() + model.shading.mean.detach()
     assert (stored - to_srgb(found))[seen].abs().mean() < 0.05

@@ -5,7 +5,7 @@ import pytest
 import scipy.special
 import torch
 
-from neural_strands.raster.texture import blur_texture, sample_texture
+from neural_strands.raster.texture import blur_texture, sample_bilinear, sample_picture, sample_texture
 
 
 def sample(texture, uv, blur=0.0):
@@ -27,6 +27,19 @@ def test_agrees_with_grid_sample(generator, device):
         strict=True,
     ):
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_both_ways_to_sample_agree(generator, device):
+    texture = torch.rand(7, 5, 3, generator=generator).to(device).requires_grad_()
+    uv = (1.4 * torch.rand(300, 2, generator=generator) - 0.2).to(device).requires_grad_()
+    upstream = torch.rand(300, 3, generator=generator).to(device)
+    found = []
+    for sample in (sample_bilinear, sample_picture):
+        colour = sample(texture, uv)
+        found.append((colour, *torch.autograd.grad((colour * upstream).sum(), (texture, uv))))
+    for ours, theirs in zip(*found, strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-4)
+    assert sample_picture(texture, uv[:0]).shape == (0, 3)
 
 
 def test_texel_centres_return_their_texels(generator):

@@ -14,6 +14,7 @@ import torch
 from emulated_device import INDEXING, WAITS
 from torch import Tensor, nn
 from torch._subclasses.fake_tensor import FakeTensor, FakeTensorMode
+from torch.nn import functional
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_map_only
@@ -68,6 +69,9 @@ class _Methods(TorchFunctionMode):
             return _listed(args[0])
         if func is Tensor.copy_ and isinstance(args[0], FakeTensor):
             return aten.copy_(*args[:2])
+        if func is functional.grid_sample and isinstance(args[0], FakeTensor):
+            # One kernel on a device; traced, it is taken apart into subscripts, which end in C++.
+            return aten.new_empty(args[0], [*args[0].shape[:2], *args[1].shape[1:-1]])
         if func in (Tensor.nonzero, torch.nonzero) and isinstance(args[0], FakeTensor):
             return aten.nonzero(args[0])
         if func is Tensor.__getitem__ and isinstance(args[0], FakeTensor):
