@@ -15,12 +15,12 @@ from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.face_atlas import FaceAtlas
 from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
+from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import visible_points

@@ -15,9 +15,9 @@ from torch.nn import functional as F
 
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.face_atlas import FaceAtlas
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.geometry.rectangle import Rectangle
+from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.splat import MINIMUM_WEIGHT
 from neural_strands.raster.texture import sample_picture

@@ -14,7 +14,6 @@ from neural_strands.fitting.first_colours import (
 )
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.face_atlas import FaceAtlas
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
@@ -23,6 +22,7 @@ from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
+from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
 

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from neural_strands.geometry.face_atlas import FaceAtlas
 from neural_strands.geometry.mesh import interpolate
+from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import sample_texture
 
 
