@@ -65,7 +65,7 @@ class Case:
     winding: Winding | None = None
     """Wave or curl to add; None for none."""
     head: HeadName = "makehuman"
-    """Number of strands of procedural grooms and wavy_long; captured grooms have their own."""
+    """Head of procedural grooms and of wavy_long; captured grooms have their own."""
     colour: HairColour = "brown"
     """Pigment."""
     widths: float = 1.0
