@@ -1,7 +1,7 @@
 """Initial colours in closed form: body and background from the pixels that show them, hair from its strands' means.
 
 Drawing body and background is linear in their colours, and so is sampling the appearance texture. The transpose of
-each, which autograd computes, sums the pixels that see each vertex or texel.
+each, which autograd computes, sums the pixels that see each texel.
 """
 
 from collections.abc import Sequence

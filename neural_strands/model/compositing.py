@@ -122,9 +122,10 @@ class Body(nn.Module):
         return Mesh(self.vertices, self.faces)
 
     def vertex_colours(self) -> Float[Tensor, "vertex 3"]:
-        """Linear colours at the vertices, each from one of its faces; zero at vertices of no face."""
-        at_corners = sample_picture(self.colour, self.corner_uv.flatten(0, 1))
-        return self.colour.new_zeros(len(self.vertices), 3).index_put((self.faces.flatten(),), at_corners)
+        """Linear colours at the vertices, means over their faces; zero at vertices of no face."""
+        corners, at_corners = self.faces.flatten(), sample_picture(self.colour, self.corner_uv.flatten(0, 1))
+        total = self.colour.new_zeros(len(self.vertices), 3).index_add(0, corners, at_corners)
+        return total / torch.bincount(corners, minlength=len(total)).clamp(min=1)[:, None]
 
     def forward(
         self, camera: Camera, seen: TriangleBuffer | None = None, change: SkinChange | None = None

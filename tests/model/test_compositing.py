@@ -115,6 +115,12 @@ def test_colours_at_vertices_are_those_of_the_texture_there():
     # The first face of a block of six texels has its corners at three steps from each other.
     expected = torch.stack([body.colour[0, 0], body.colour[0, 3], body.colour[3, 0]])
     torch.testing.assert_close(body.vertex_colours(), expected)
+    # Two faces that share an edge: the mean where both meet, each alone elsewhere, nothing where there is no face.
+    faces = torch.tensor([[0, 1, 2], [2, 1, 3]])
+    body = Body(Mesh(torch.rand(5, 3), faces), SurroundConfig(body_texture=6))
+    texels = body.atlas.texels()
+    body.colour.view(-1, 3)[texels.texel] = texels.face[:, None].float()
+    torch.testing.assert_close(body.vertex_colours()[:, 0], torch.tensor([0.0, 0.5, 0.5, 1.0, 0.0]))
 
 
 def test_nearness_is_the_mean_of_what_lies_within_reach():
