@@ -1,0 +1,164 @@
+"""Helices: curls that all turn alike, found by the side to which segments lean.
+
+Segments on such curls lean off the course of the hair to one side. Turned back, they show the course of the axes.
+By how much they lean is known only as well as that course: hair that is combed to one side does not hang, and segments
+may lean off a hanging course by too little. Where they lean little, larger leans are therefore tried as well.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from neural_strands.fitting.curls.comparison import FOR_SIZE, Comparison, DrawnCurl, closest_curl
+from neural_strands.flow.curls import Lean, mean_lean, turned_back
+from neural_strands.flow.field import FlowField
+from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hanging_flow
+from neural_strands.flow.surface import surface_normals
+from neural_strands.flow.tracing import trace_hair
+from neural_strands.flow.unseen import DOWN
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.lmvs.growth import GrowthConfig, orient_segments
+
+FIRST_INSET = 0.004
+"""Depth of the axes below the surface of the hair while the radius is unknown, metres."""
+LEVEL = 0.8
+"""Places where the surface of the hair is more level than this (vertical part of its normal) do not show gravity."""
+FURTHER = (0.0, 15.0, 30.0)
+"""By how much more than measured segments that lean little are turned back, degrees."""
+MOST_LEAN = 60.0
+"""Such segments are not turned back further than this, degrees."""
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """Segments that lean off the hanging course of the hair.
+
+    Attributes:
+        segments: the segments.
+        course: that course.
+        lean: by how much they lean.
+        strong: whether they lean enough, and enough alike, to be those of helices. Otherwise they may be those of
+            waves.
+    """
+
+    segments: LineSegments
+    course: FlowField
+    lean: Lean
+    strong: bool
+
+    @property
+    def turn(self) -> int:
+        """Handedness of the helices on which segments lean like this."""
+        return -round(math.copysign(1, self.lean.angle))
+
+    def tried(self) -> list[float]:
+        """Angles by which the segments may lean off the axes of the helices, radians."""
+        if self.strong:
+            # The course is about right. Further leans would look as much like the photographs, with larger curls.
+            return [self.lean.angle]
+        lean = abs(self.lean.angle)
+        further = [lean + math.radians(each) for each in FURTHER]
+        return [math.copysign(each, self.lean.angle) for each in further if each <= math.radians(MOST_LEAN)]
+
+
+@dataclass(frozen=True)
+class Helices:
+    """Helices about the axes that leaning segments show.
+
+    Attributes:
+        drawn: the helix whose drawing is closest to the photographs.
+        axes: the flow along the axes.
+        comparison: the photographs beside strands along the axes.
+        straight: the segments turned back.
+    """
+
+    drawn: DrawnCurl
+    axes: FlowField
+    comparison: Comparison
+    straight: LineSegments
+
+
+def leaning_segments(
+    room: HairRoom,
+    segments: LineSegments,
+    roots: Float[Tensor, "root 3"],
+    scalp_normals: Float[Tensor, "root 3"],
+    config: InitialConfig,
+) -> Leaning | None:
+    """The segments that show how hair leans; None if they hardly lean, as those of most hair.
+
+    Args:
+        room: where hair can be.
+        segments: line segments of the hair.
+        roots: where strands start, metres.
+        scalp_normals: outward unit normals there.
+        config: settings of the initial strands.
+    """
+    kept, curls = segments.select(segments.confidence >= config.flow.least_confidence), config.curls
+    steep = lean_off_gravity(room, kept)
+    if not _leans(steep, curls.suspected_lean, curls.suspected_agreement):
+        return None
+    course = hanging_flow(room, kept, roots, scalp_normals, config)
+    lean = lean_off(course, kept)
+    if not _leans(lean, curls.suspected_lean, curls.suspected_agreement):
+        return None
+    strong = all(_leans(each, curls.least_lean, curls.least_agreement) for each in (steep, lean))
+    return Leaning(kept, course, lean, strong)
+
+
+def closest_helices(
+    room: HairRoom,
+    leaning: Leaning,
+    scalp: tuple[Float[Tensor, "root 3"], Float[Tensor, "root 3"], Int64[Tensor, " face"]],
+    plain: Comparison,
+    normals: Float[Tensor, "strand 3"],
+    config: InitialConfig,
+) -> Helices:
+    """The helices whose drawing is closest to the photographs, of all leans that are tried.
+
+    Args:
+        room: where hair can be.
+        leaning: segments that lean.
+        scalp: roots, their normals, and the faces of the head that hair grows from.
+        plain: the photographs beside the strands to draw, as they are along the segments.
+        normals: outward unit normals at the roots of those strands.
+        config: settings of the initial strands, `way_out` as for helices.
+    """
+    roots, scalp_normals, faces = scalp
+    found: list[Helices] = []
+    for lean in leaning.tried():
+        turned = turned_back(leaning.segments, leaning.course, lean)
+        # Neighbours sign turned segments better than the hanging course does, for instance at a parting.
+        straight = orient_segments(turned, room.head, faces, [], GrowthConfig())
+        axes = hair_flow(room.inset(FIRST_INSET), straight, roots, scalp_normals, config)
+        traced = trace_hair(axes, plain.axes[:, 0], normals, config.trace).points
+        comparison = Comparison.along(traced, plain.photographs)
+        drawn = closest_curl(comparison, normals, leaning.turn, config.curls)
+        found.append(Helices(drawn, axes, comparison, straight))
+    closest = min(found, key=lambda helices: helices.drawn.difference(FOR_SIZE))
+    radius = closest.drawn.curl.radius
+    if abs(radius - FIRST_INSET) > room.grid.spacing:
+        axes = hair_flow(room.inset(radius), closest.straight, roots, scalp_normals, config)
+        closest = replace(closest, axes=axes)
+    return closest
+
+
+def lean_off(course: FlowField, segments: LineSegments) -> Lean:
+    """How segments lean off the course of the hair."""
+    axes = course.grid.sample(course.directions, segments.points, outside="border")
+    return mean_lean(segments.directions, axes, surface_normals(course.grid, course.domain, segments.points))
+
+
+def lean_off_gravity(room: HairRoom, segments: LineSegments) -> Lean:
+    """How segments lean off the vertical where the surface of the hair is steep; quick, because it needs no flow."""
+    normals = surface_normals(room.grid, room.domain, segments.points)
+    steep = normals[:, 1].abs() < LEVEL
+    down = normals.new_tensor(DOWN).expand(int(steep.sum()), 3)
+    return mean_lean(segments.directions[steep], down, normals[steep])
+
+
+def _leans(lean: Lean, angle: float, agreement: float) -> bool:
+    """Whether segments lean by an angle of some degrees or more, and alike enough."""
+    return abs(math.degrees(lean.angle)) >= angle and lean.agreement >= agreement
