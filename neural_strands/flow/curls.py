@@ -63,8 +63,8 @@ class CurlConfig:
     """Smallest length of the mean of the segments' doubled directions: 0 if they lean anyhow, 1 if all lean alike."""
     suspected_lean: Annotated[float, Between(0, 90)] = 17.0
     """From this angle on, curls must look more like the photographs than anything else, degrees."""
-    suspected_agreement: Annotated[float, Between(0, 1)] = 0.4
-    """Smallest agreement of such segments."""
+    suspected_agreement: Annotated[float, Between(0, 1)] = 0.3
+    """Smallest agreement of such segments where the surface of the hair is steep."""
     way_out: Annotated[float, Between(-1, 1)] = 0.9
     """`ConservationConfig.way_out` for axes of curls, which rarely end at the side of the hair."""
     waves_way_out: Annotated[float, Between(-1, 1)] = 0.3

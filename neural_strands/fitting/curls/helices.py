@@ -102,7 +102,8 @@ def leaning_segments(
         return None
     course = hanging_flow(room, kept, roots, scalp_normals, config)
     lean = lean_off(course, kept)
-    if not _leans(lean, curls.suspected_lean, curls.suspected_agreement):
+    # Where hair does not hang, segments agree less about that course than where its surface is steep.
+    if not _leans(lean, curls.suspected_lean, 0.0):
         return None
     strong = all(_leans(each, curls.least_lean, curls.least_agreement) for each in (steep, lean))
     return Leaning(kept, course, lean, strong)
