@@ -62,7 +62,8 @@ class CurlConfig:
     least_agreement: Annotated[float, Between(0, 1)] = 0.5
     """Smallest length of the mean of the segments' doubled directions: 0 if they lean anyhow, 1 if all lean alike."""
     suspected_lean: Annotated[float, Between(0, 90)] = 17.0
-    """From this angle on, curls must look more like the photographs than anything else, degrees."""
+    """Hair is also tested if its segments lean by this angle or more, degrees. Then curls must look more like the
+    photographs than waves, or than straight strands if there are no waves."""
     suspected_agreement: Annotated[float, Between(0, 1)] = 0.3
     """Smallest agreement of such segments where the surface of the hair is steep."""
     way_out: Annotated[float, Between(-1, 1)] = 0.9
