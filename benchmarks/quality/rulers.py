@@ -3,7 +3,8 @@
     python benchmarks/quality/rulers.py --captures ../shared/data/captures/sintel_bob
 
 Geometry: one half of the true strands against the other half. They are the same hair, yet they differ where a match
-asks for a strand nearby: no fit of as many strands should expect more. Pictures: held-out photographs, blurred, against
+asks for a strand nearby: no fit of as many strands should expect more. Directions: the true strands, drawn, against the
+streaks of held-out photographs, whose noise bounds the agreement. Pictures: held-out photographs, blurred, against
 themselves, over the hair. Prints one JSON object per capture.
 """
 
@@ -16,13 +17,21 @@ import torch
 import tyro
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY, held_out_views
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, Agreement, matched_shares
 from neural_strands.evaluation.lpips import find_lpips
 from neural_strands.evaluation.oriented_points import sample_strands
+from neural_strands.evaluation.strands_in_view import mean_strands_in_view, strands_in_view
 from neural_strands.evaluation.view_quality import RenderedView, mean_quality, view_qualities
 from neural_strands.geometry.strands import Strands
 from neural_strands.lmvs.orientation import gaussian_blur
+from neural_strands.model.compositing import area_mean
+from neural_strands.raster.lines import LineConfig, rasterise_lines
+from neural_strands.raster.triangles import rasterise_triangles
+
+SUPERSAMPLE = 3
+"""Line pixels for each pixel of a photograph, along each axis; as in fits."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,8 @@ class Arguments:
         Path("../shared/data/captures/straight_long"),
     )
     """Captures with hair masks; those without true strands have no ruler for geometry."""
+    width: float = 2.3e-4
+    """Width of the drawn true strands, metres."""
     blurs: tuple[float, ...] = (1.0, 2.0, 4.0)
     """Standard deviations of the blur, pixels."""
     seed: int = 0
@@ -49,6 +60,20 @@ def halves(truth: Strands, seed: int) -> dict[str, float]:
         threshold.name: round(Agreement(*shares).f_score, 2)
         for threshold, shares in zip(THRESHOLDS, zip(forth, back, strict=True), strict=True)
     }
+
+
+def true_directions(capture: Capture, truth: Strands, width: float) -> float | None:
+    """Share of the streaks of held-out photographs that the true strands follow, percent."""
+    head, views = find_head(capture), capture.views_on()
+    found = []
+    for index in held_out_views(len(capture), HOLD_OUT_EVERY):
+        view = views[index]
+        fine = view.camera.resized(SUPERSAMPLE * view.camera.width, SUPERSAMPLE * view.camera.height)
+        body = rasterise_triangles(head.mesh.vertices, head.mesh.faces, fine)
+        lines = rasterise_lines(truth.points, fine, body.depth, LineConfig(width=width))
+        alpha = area_mean((lines.segment >= 0).float()[..., None], SUPERSAMPLE)[..., 0]
+        found.append(strands_in_view(lines, truth.points, alpha, view))
+    return mean_strands_in_view(found).direction
 
 
 def blurred(capture: Capture, sigma: float) -> dict[str, float | None]:
@@ -74,6 +99,7 @@ def main(arguments: Arguments) -> None:
             "capture": folder.name,
             "strands": None if truth is None else len(truth),
             "half_against_half": None if truth is None else halves(truth, arguments.seed),
+            "true_strands_direction": None if truth is None else true_directions(capture, truth, arguments.width),
             "blurred": {f"{sigma:g} px": blurred(capture, sigma) for sigma in arguments.blurs},
         }
         sys.stdout.write(json.dumps(figures) + "\n")
