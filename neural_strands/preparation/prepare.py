@@ -71,7 +71,7 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 2, "template": 3, "head": 2, "masks": 3, "skull": 2}
+VERSIONS = {"photographs": 3, "template": 3, "head": 2, "masks": 3, "skull": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 

@@ -57,6 +57,42 @@ def test_orientation_focal_length_and_device_come_from_exif(tmp_path: Path):
     assert read_list(tmp_path / "out") == found
 
 
+@pytest.mark.parametrize(
+    ("orientation", "upright"),
+    [
+        # By the standard, where the stored picture's first row and first column belong: top and left, top and right,
+        # bottom and right, bottom and left, left and top, right and top, right and bottom, left and bottom.
+        (1, "rg bw"),
+        (2, "gr wb"),
+        (3, "wb gr"),
+        (4, "bw rg"),
+        (5, "rb gw"),
+        (6, "br wg"),
+        (7, "wg br"),
+        (8, "gw rb"),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["jpg", "tif", "png"])
+def test_corners_of_a_known_picture_are_where_its_orientation_says(
+    tmp_path: Path, orientation: int, upright: str, suffix: str
+):
+    colours = {"r": (255, 0, 0), "g": (0, 255, 0), "b": (0, 0, 255), "w": (255, 255, 255)}
+    fill(tmp_path)
+    # Twice as wide as high: red and green above, blue and white below.
+    corners = np.array([[colours["r"], colours["g"]], [colours["b"], colours["w"]]], np.uint8)
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    Image.fromarray(corners.repeat(16, 0).repeat(32, 1)).save(tmp_path / f"a.{suffix}", exif=exif)
+    run(tmp_path, tmp_path / "out")
+    found = read_picture(tmp_path / "out" / "a.png").astype(int)
+    height, width = (64, 32) if orientation > 4 else (32, 64)
+    assert found.shape == (height, width, 3)
+    for row, names in enumerate(upright.split()):
+        for column, name in enumerate(names):
+            pixel = found[height // 4 + row * height // 2, width // 4 + column * width // 2]
+            assert np.abs(pixel - colours[name]).max() < 8, (row, column, name)
+
+
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_every_orientation_is_turned_as_pillow_turns_it(tmp_path: Path, orientation: int):
     fill(tmp_path)

@@ -216,7 +216,9 @@ def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, 
     """Return upright pixels (height, width, 3), their scale, the focal length in pixels, and the device."""
     metadata = read_metadata(image)
     profile = image.info.get("icc_profile")
-    image = _in_srgb(upright(image, metadata.orientation), profile)
+    # Pillow turns a TIFF while it decodes it, and then forgets its orientation.
+    image.load()
+    image = _in_srgb(upright(image, read_metadata(image).orientation), profile)
     pixels = reduced(np.asarray(image), longest_side)
     height, width = pixels.shape[:2]
     scale = width / image.width
