@@ -59,6 +59,7 @@ from neural_strands.preparation.photographs.folder import (
     import_photographs,
     read_list,
     read_picture,
+    unread_pictures,
     write_picture,
 )
 from neural_strands.preparation.photographs.video import import_video
@@ -118,6 +119,8 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     """
     source = find_source(request.photographs, request.cameras)
     check_out(request, source)
+    if request.photographs.is_dir() and (unread := unread_pictures(request.photographs)):
+        say(f"Left out, because such files are not read: {unread}; export them as JPEG or PNG.")
     request.head.check()
     if request.subject_turns:
         request.head.detector.check()
