@@ -186,3 +186,8 @@ def grown(mask: np.ndarray, pixels: int) -> np.ndarray:
     side = 2 * abs(pixels) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     return np.asarray(cv2.dilate(mask, disc) if pixels > 0 else cv2.erode(mask, disc))
+
+
+def has_calibration(folder: Path) -> bool:
+    """Whether a folder has a file of cameras that `Capture.load` reads; the file is not opened."""
+    return (folder / "transforms.json").is_file() or find_sparse_model(folder) is not None

@@ -32,10 +32,13 @@ class StrandsInView:
             strands run within 20 degrees of the photograph's streaks; None where no strand is drawn on hair.
         on_background: share of the drawn opacity that lies outside the person or, without a mask of the person,
             outside the hair; None without masks, or where nothing is drawn.
+        mask_on_background: the same share of the photograph's hair mask, whose soft border reaches over the background:
+            what hair drawn exactly as the mask would have; None without a hair mask, or where it is empty.
     """
 
     direction: float | None
     on_background: float | None
+    mask_on_background: float | None
 
     def as_dict(self) -> dict[str, float | None]:
         """The figures by name."""
@@ -46,7 +49,7 @@ class StrandsInView:
         return tuple("-" if value is None else f"{value:.1f}" for value in astuple(self))
 
 
-HEADS = ("direction within 20°, %", "on background, %")
+HEADS = ("direction within 20°, %", "on background, %", "mask on background, %")
 """Heads of the columns that `StrandsInView.cells` fills."""
 
 
@@ -70,14 +73,17 @@ def strands_in_view(
     weight = streaks.confidence * hair
     right = angle_difference(angle, streaks.angle) <= WITHIN
     inside = view.hair_mask if view.person_mask is None else view.person_mask
-    outside = None if inside is None else _share(alpha, inside < HAIR_COVERAGE)
-    return StrandsInView(_share(weight, right), outside)
+    outside, own = (
+        None if covered is None or inside is None else _share(covered, inside < HAIR_COVERAGE)
+        for covered in (alpha, view.hair_mask)
+    )
+    return StrandsInView(_share(weight, right), outside, own)
 
 
 def mean_strands_in_view(found: Sequence[StrandsInView]) -> StrandsInView:
     """Mean of each figure over the views that have it."""
     columns = zip(*(astuple(each) for each in found), strict=True)
-    known = [[value for value in column if value is not None] for column in columns] or [[], []]
+    known = [[value for value in column if value is not None] for column in columns] or [[] for _ in HEADS]
     return StrandsInView(*(sum(column) / len(column) if column else None for column in known))
 
 

@@ -16,6 +16,8 @@ LEFTOVER = re.compile(r"\..+\.[0-9a-f]{8}(?:\.old|\.[A-Za-z0-9]+)?")
 """Names of temporary files and folders of `atomic_file` and `atomic_folder`."""
 LOCK = ".in_use"
 """Name of the lock file in a folder that is being written to."""
+LEFT_BY_SYSTEMS = (".DS_Store", "desktop.ini", "Thumbs.db")
+"""Files that systems leave in folders that a user has looked at."""
 
 
 @contextmanager
@@ -53,6 +55,13 @@ def check_writable(path: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise _unwritable(path, error) from error
+
+
+def is_taken(folder: Path) -> bool:
+    """Whether something that a user may want to keep is where a folder is to be written: a file, or a full folder."""
+    if not folder.is_dir():
+        return folder.exists()
+    return any(path.name not in LEFT_BY_SYSTEMS for path in folder.iterdir())
 
 
 def _beside(path: Path) -> Path:

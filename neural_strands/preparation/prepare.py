@@ -23,7 +23,7 @@ import numpy as np
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import remove_leftovers, sole_writer, write_json
+from neural_strands.foundation.files import is_taken, remove_leftovers, sole_writer, write_json
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
     Calibration,
@@ -59,6 +59,7 @@ from neural_strands.preparation.photographs.folder import (
     import_photographs,
     read_list,
     read_picture,
+    unread_pictures,
     write_picture,
 )
 from neural_strands.preparation.photographs.video import import_video
@@ -68,12 +69,10 @@ from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
 STAGES = "preparation"
 """Name of the folder with the stages, in the capture."""
-IGNORED = (".DS_Store", "desktop.ini", "Thumbs.db")
-"""Files that systems leave in folders that a user has looked at."""
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 2, "template": 3, "head": 2, "masks": 3, "skull": 2}
+VERSIONS = {"photographs": 3, "template": 3, "head": 2, "masks": 3, "skull": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
@@ -120,6 +119,8 @@ def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, An
     """
     source = find_source(request.photographs, request.cameras)
     check_out(request, source)
+    if request.photographs.is_dir() and (unread := unread_pictures(request.photographs)):
+        say(f"Left out, because such files are not read: {unread}; export them as JPEG or PNG.")
     request.head.check()
     if request.subject_turns:
         request.head.detector.check()
@@ -178,7 +179,7 @@ def check_out(request: PrepareRequest, source: Source) -> None:
     """
     out = request.out
     begun = (out / STAGES).is_dir()
-    if out.exists() and not begun and (not out.is_dir() or any(path.name not in IGNORED for path in out.iterdir())):
+    if not begun and is_taken(out):
         raise InputError(
             f"{out}: expected a new or empty folder, or one that prepare began, found another; name a new one."
         )

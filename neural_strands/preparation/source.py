@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from neural_strands.capture.capture import has_calibration
 from neural_strands.capture.colmap import find_sparse_model, read_colmap
 from neural_strands.capture.transforms import read_transforms
 from neural_strands.foundation.errors import InputError
@@ -53,8 +54,7 @@ def find_source(path: Path, cameras: Path | None) -> Source:
 def has_unused_cameras(source: Source) -> bool:
     """Whether a folder of photographs also contains a model that is not used."""
     folder = source.files[0].parent
-    known = find_sparse_model(folder) is not None or (folder / "transforms.json").is_file()
-    return source.cameras is None and not source.is_video and known
+    return source.cameras is None and not source.is_video and has_calibration(folder)
 
 
 def _images_of(path: Path) -> Sequence[Path] | None:

@@ -24,7 +24,7 @@ from neural_strands.editing.edit_list import (
 from neural_strands.editing.hair import Hair
 from neural_strands.editing.settings import Edit
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_folder, write_json
+from neural_strands.foundation.files import atomic_folder, is_taken, write_json
 from neural_strands.foundation.json_files import check_format, read_json
 from neural_strands.geometry.strands import Strands
 from neural_strands.grooms.groom import Groom
@@ -109,7 +109,7 @@ def save_edited(folder: Path, edited: EditedHair) -> None:
     Raises:
         InputError: the folder cannot be written, or has other contents.
     """
-    if folder.exists() and not (folder / EDIT_NAME).is_file() and (not folder.is_dir() or any(folder.iterdir())):
+    if not (folder / EDIT_NAME).is_file() and is_taken(folder):
         raise InputError(f"{folder}: expected a new folder or one of edited hair, found something else; name another.")
     source = edited.source.absolute()
     document = {"format": FORMAT, "source": str(source), "folder": str(folder.absolute())}

@@ -116,7 +116,8 @@ def _strands_table(result: Evaluation) -> Table:
     rows.append(("mean", *mean_strands_in_view(result.in_views).cells()))
     note = (
         "Direction: share of the hair in which the strands run within 20° of the streaks in the photograph; clear "
-        "streaks count more. On background: share of the rendered hair that lies outside the person. "
+        "streaks count more. On background: share of the rendered hair that lies outside the person. Mask on "
+        "background: the same share of the hair mask itself, whose border is soft. "
         f"{result.unseen:.1f} % of the strands lie mostly where no photograph could see them; these are guessed."
     )
     return Table("Strands in the photographs", ("", *STRAND_HEADS), tuple(rows), note)

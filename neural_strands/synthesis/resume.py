@@ -10,7 +10,7 @@ from typing import Any
 
 from neural_strands.capture.writer import HAIR_MASKS, IMAGES, PERSON_MASKS, view_files
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import write_json
+from neural_strands.foundation.files import is_taken, write_json
 from neural_strands.foundation.json_files import read_json
 from neural_strands.geometry.cameras import Camera
 
@@ -29,7 +29,7 @@ def claim_folder(folder: Path, settings: dict[str, Any], overwrite: bool = False
     record = folder / SETTINGS
     settings = json.loads(json.dumps(settings))
     if not record.exists():
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if is_taken(folder):
             raise InputError(
                 f"{folder}: expected a new or empty folder, or a capture begun by synthesize, but it holds something "
                 "else; name another folder."

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from neural_strands.capture.capture import Capture
+from neural_strands.capture.capture import Capture, has_calibration
 from neural_strands.capture.head import read_head
 from neural_strands.editing.hair import Hair
 from neural_strands.foundation.errors import InputError
@@ -26,7 +26,7 @@ ROOT_SPAN = 0.2
 
 
 def kind_of(path: Path) -> str:
-    """Return whether a path is a run, a model, a groom or a capture, without reading it.
+    """Return whether a path is a run, edited hair, a model, a groom or a capture, without reading it.
 
     Raises:
         InputError: it is none of them.
@@ -40,7 +40,14 @@ def kind_of(path: Path) -> str:
         return "edited"
     if RunFolder(path).description.is_file():
         return "run"
-    return "model" if (path / CONFIG_NAME).is_file() else "capture"
+    if (path / CONFIG_NAME).is_file():
+        return "model"
+    if has_calibration(path):
+        return "capture"
+    raise InputError(
+        f"{path}: expected the folder of a run, edited hair, a model or a capture, found another; name one of those, "
+        "or a groom file."
+    )
 
 
 def open_groom(path: Path) -> Scene:
@@ -92,7 +99,8 @@ def open_edited(path: Path, device: torch.device) -> Scene:
     """
     edited = open_hair(path, device)
     source = edited.source
-    base = open_run(source, newest_state(RunFolder(source)), device) if kind_of(source) == "run" else Scene(path, "")
+    run = RunFolder(source)
+    base = open_run(source, newest_state(run), device) if run.description.is_file() else Scene(path, "")
     head = edited.fitted.model.body.mesh.to("cpu") if edited.fitted.model is not None else base.head
     scene = replace(base, path=path, kind="edited hair", head=head)
     return scene.with_hair(edited.fitted).with_edits(edited.edits)

@@ -67,6 +67,7 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     in_views = figures["strands_in_views_percent"]
     assert 0 <= in_views["direction"] <= 100
     assert 0 <= in_views["on_background"] < 50
+    assert 0 <= in_views["mask_on_background"] < 50
     for threshold, chance in chance_scores(arrays, true_strands).items():
         assert 100 >= figures["strands"][threshold]["f_score"] > 2 * chance > 0, threshold
     page = (run / "report" / "index.html").read_text()
@@ -80,7 +81,8 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     assert shown["rendering of 004.png"].shape == photograph.shape
     assert shown["rendering of 004.png"].std() > 0
     strands = read.tables["Strands in the photographs"][2]
-    assert strands == ["mean", f"{in_views['direction']:.1f}", f"{in_views['on_background']:.1f}"]
+    assert list(in_views) == ["direction", "on_background", "mask_on_background"]
+    assert strands == ["mean", *(f"{value:.1f}" for value in in_views.values())]
     mean = read.tables["Held-out views"][2]
     assert mean[:2] == ["mean", f"{figures['held_out_views']['psnr']:.2f}"]
 

@@ -54,7 +54,7 @@ def test_given_cameras_give_images_of_their_names_and_sizes(saved, tmp_path, cap
     out = tmp_path / "views"
     assert main(["render", str(saved), "--camera", str(transforms(tmp_path)), "--out", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 1
-    assert [path.name for path in out.iterdir()] == ["left.png"]
+    assert sorted(path.name for path in out.iterdir()) == ["left.png", "render.json"]
     picture = cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (20, 31, 3)
 
@@ -85,7 +85,7 @@ def test_alpha_is_that_of_the_hair(saved, tmp_path):
     out = tmp_path / "views"
     words = ["--turntable", "2", "--size", "48", "40", "--alpha", "--out", str(out)]
     assert main(["render", str(saved), *words]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["0000.png", "0001.png"]
+    assert sorted(path.name for path in out.glob("*.png")) == ["0000.png", "0001.png"]
     picture = cv2.imread(str(out / "0001.png"), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (40, 48, 4)
     model = load_hair_model(saved)
@@ -93,6 +93,34 @@ def test_alpha_is_that_of_the_hair(saved, tmp_path):
         strands = model.decode()
         output = model.render(strands, turntable_cameras(strands.points, 2, (48, 40))[1])
     np.testing.assert_allclose(picture[..., 3], 255 * output.alpha.numpy(), atol=0.51)
+
+
+def test_files_of_the_user_are_refused_and_images_of_an_earlier_rendering_replaced(saved, tmp_path, capsys):
+    out = tmp_path / "images"
+    out.mkdir()
+    words = ["render", str(saved), "--camera", str(transforms(tmp_path)), "--out", str(out)]
+    # A photograph of the camera's own name, as in the capture that the cameras come from.
+    (out / "left.png").write_bytes(b"a photograph")
+    assert main(words) == 2
+    said = capsys.readouterr()
+    assert f"{out}: expected a new or empty folder, or one that render wrote to, found another; name a" in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == {"left.png": b"a photograph"}
+    (out / "left.png").rename(out / ".DS_Store")
+    assert main(words) == 0
+    first = cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED)
+    (out / "notes.txt").write_text("kept")
+    assert main([*words, "--alpha"]) == 0
+    assert [cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED).shape, first.shape] == [(20, 31, 4), (20, 31, 3)]
+    assert (out / "notes.txt").read_text() == "kept"
+
+
+def test_a_file_where_the_folder_belongs_is_refused(saved, tmp_path, capsys):
+    (tmp_path / "views").write_text("notes")
+    assert main(["render", str(saved), "--turntable", "1", "--out", str(tmp_path / "views")]) == 2
+    assert "views: expected a new or empty folder" in capsys.readouterr().err
+    assert (tmp_path / "views").read_text() == "notes"
 
 
 def test_a_video_has_every_frame(saved, tmp_path):

@@ -35,7 +35,7 @@ def test_cut_then_apply_a_list_then_render(model, tmp_path, capsys):
         str(tmp_path / "png"),
     ]
     assert main(words) == 0
-    assert [path.name for path in (tmp_path / "png").iterdir()] == ["0000.png"]
+    assert [path.name for path in (tmp_path / "png").glob("*.png")] == ["0000.png"]
 
 
 def test_hair_that_is_absent_is_one_sentence(tmp_path, capsys):

@@ -77,12 +77,37 @@ def test_hair_drawn_on_the_background_is_that_outside_the_person(generator):
     assert strands_in_view(lines, points, opaque, View(CAMERA, image, quarter)).on_background == pytest.approx(75)
     assert strands_in_view(lines, points, opaque, View(CAMERA, image)).on_background is None
     nothing = strands_in_view(drawn(points[:0]), points, 0 * opaque, View(CAMERA, image, half))
-    assert nothing == StrandsInView(None, None)
+    assert nothing == StrandsInView(None, None, 0.0)
+
+
+def test_what_the_mask_itself_has_on_the_background(generator):
+    # A hair mask that fades over four columns, of which the last two lie outside: 0.45 and 0.15 of 46 + 0.9 + 0.6.
+    soft = torch.zeros(SIZE, SIZE)
+    soft[:, :46] = 1
+    soft[:, 46:50] = torch.tensor([0.9, 0.6, 0.45, 0.15])
+    image, opaque, lines = streaks(30.0, generator), torch.ones(SIZE, SIZE), drawn(combed(30.0))
+    expected = 100 * 0.6 / (46 + 0.9 + 0.6 + 0.6)
+    alone = strands_in_view(lines, combed(30.0), opaque, View(CAMERA, image, soft))
+    assert alone.mask_on_background == pytest.approx(expected, rel=1e-5)
+    # Hair that is drawn exactly as the mask has that share, and no less.
+    exact = strands_in_view(lines, combed(30.0), soft, View(CAMERA, image, soft))
+    assert exact.on_background == exact.mask_on_background
+    # A person that ends one column earlier, pixel by pixel.
+    person = torch.zeros(SIZE, SIZE)
+    person[:, :47] = 1
+    inside = outside = 0.0
+    for value, covered in zip(soft.flatten().tolist(), person.flatten().tolist(), strict=True):
+        inside, outside = inside + value * (covered >= 0.5), outside + value * (covered < 0.5)
+    with_person = strands_in_view(lines, combed(30.0), opaque, View(CAMERA, image, soft, person))
+    assert with_person.mask_on_background == pytest.approx(100 * outside / (inside + outside), rel=1e-5)
+    without_hair = strands_in_view(lines, combed(30.0), opaque, View(CAMERA, image, None, person))
+    assert without_hair.mask_on_background is None
+    assert without_hair.on_background is not None
 
 
 def test_means_are_over_the_views_that_have_a_figure():
-    found = [StrandsInView(80.0, None), StrandsInView(60.0, 4.0), StrandsInView(None, None)]
-    assert mean_strands_in_view(found) == StrandsInView(70.0, 4.0)
-    assert mean_strands_in_view([]) == StrandsInView(None, None)
+    found = [StrandsInView(80.0, None, 3.0), StrandsInView(60.0, 4.0, 1.0), StrandsInView(None, None, None)]
+    assert mean_strands_in_view(found) == StrandsInView(70.0, 4.0, 2.0)
+    assert mean_strands_in_view([]) == StrandsInView(None, None, None)
     assert len(found[0].cells()) == len(HEADS)
-    assert found[0].cells() == ("80.0", "-")
+    assert found[0].cells() == ("80.0", "-", "3.0")

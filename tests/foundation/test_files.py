@@ -8,7 +8,7 @@ import pytest
 from read_only import read_only_folder
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, sole_writer
+from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, is_taken, sole_writer
 
 
 def test_file_appears_whole_and_replaces(tmp_path: Path):
@@ -73,7 +73,7 @@ def test_folder_under_a_file_is_an_input_error(tmp_path: Path):
 WRITER = """
 import sys, time
 from pathlib import Path
-from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, sole_writer
+from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, is_taken, sole_writer
 folder = Path(sys.argv[1])
 with sole_writer(folder), atomic_file(folder / "checkpoint.pt") as file, atomic_folder(folder / "model") as model:
     file.write_text("half")
@@ -120,3 +120,13 @@ def test_what_can_be_written_is_not_touched_by_the_check(tmp_path: Path):
     assert list((tmp_path / "new").iterdir()) == []
     with pytest.raises(InputError, match=r"out.txt: cannot be written \(.+\); nothing was changed"):
         check_writable(read_only_folder(tmp_path / "read-only") / "out.txt")
+
+
+def test_a_place_is_taken_by_whatever_a_user_put_there(tmp_path: Path):
+    assert not is_taken(tmp_path / "absent")
+    assert not is_taken(tmp_path)
+    (tmp_path / ".DS_Store").touch()
+    assert not is_taken(tmp_path)
+    (tmp_path / ".hidden").touch()
+    assert is_taken(tmp_path)
+    assert is_taken(tmp_path / ".hidden")

@@ -5,11 +5,13 @@ import sys
 import zlib
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from fuzzed_input import give
 from PIL import Image, ImageOps
 
+from neural_strands.capture.images import colour_of, read_pixels, to_unit
 from neural_strands.foundation.errors import InputError
 from neural_strands.preparation.photographs.folder import (
     MOST_PIXELS,
@@ -17,6 +19,7 @@ from neural_strands.preparation.photographs.folder import (
     import_photographs,
     read_list,
     read_picture,
+    unread_pictures,
     write_picture,
 )
 from neural_strands.preparation.photographs.metadata import EXIF, FOCAL_35MM, MAKE, ORIENTATION
@@ -55,6 +58,42 @@ def test_orientation_focal_length_and_device_come_from_exif(tmp_path: Path):
     # 26 mm on film 43.27 mm across, for a picture 72.11 pixels across.
     assert turned.focal == pytest.approx(26 * np.hypot(40, 60) / np.hypot(36, 24))
     assert read_list(tmp_path / "out") == found
+
+
+@pytest.mark.parametrize(
+    ("orientation", "upright"),
+    [
+        # By the standard, where the stored picture's first row and first column belong: top and left, top and right,
+        # bottom and right, bottom and left, left and top, right and top, right and bottom, left and bottom.
+        (1, "rg bw"),
+        (2, "gr wb"),
+        (3, "wb gr"),
+        (4, "bw rg"),
+        (5, "rb gw"),
+        (6, "br wg"),
+        (7, "wg br"),
+        (8, "gw rb"),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["jpg", "tif", "png"])
+def test_corners_of_a_known_picture_are_where_its_orientation_says(
+    tmp_path: Path, orientation: int, upright: str, suffix: str
+):
+    colours = {"r": (255, 0, 0), "g": (0, 255, 0), "b": (0, 0, 255), "w": (255, 255, 255)}
+    fill(tmp_path)
+    # Twice as wide as high: red and green above, blue and white below.
+    corners = np.array([[colours["r"], colours["g"]], [colours["b"], colours["w"]]], np.uint8)
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    Image.fromarray(corners.repeat(16, 0).repeat(32, 1)).save(tmp_path / f"a.{suffix}", exif=exif)
+    run(tmp_path, tmp_path / "out")
+    found = read_picture(tmp_path / "out" / "a.png").astype(int)
+    height, width = (64, 32) if orientation > 4 else (32, 64)
+    assert found.shape == (height, width, 3)
+    for row, names in enumerate(upright.split()):
+        for column, name in enumerate(names):
+            pixel = found[height // 4 + row * height // 2, width // 4 + column * width // 2]
+            assert np.abs(pixel - colours[name]).max() < 8, (row, column, name)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -148,6 +187,56 @@ def test_large_pictures_shrink_and_alpha_lies_over_black(tmp_path: Path):
     assert {(photograph.width, photograph.height) for photograph in found} == {(60, 40)}
     assert not read_picture(tmp_path / "out" / "clear.png").any()
     assert (read_picture(tmp_path / "out" / "deep.png") == 100).all()
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_sixteen_bits_keep_their_brightness(tmp_path: Path, suffix: str, channels: int):
+    """From black to white in every channel, and in a capture that names the same file."""
+    fill(tmp_path)
+    shape = (8, 64) if channels == 1 else (8, 64, 3)
+    deep = np.linspace(0, 65535, int(np.prod(shape))).round().astype(np.uint16).reshape(shape)
+    if channels == 4:
+        deep = np.dstack([deep, np.full(shape[:2], 65535, np.uint16)])
+    # OpenCV orders blue, green, red.
+    stored = deep if channels == 1 else deep[..., [2, 1, 0, 3][:channels]]
+    assert cv2.imwrite(str(tmp_path / f"deep.{suffix}"), np.ascontiguousarray(stored))
+    _, said = run(tmp_path, tmp_path / "out")
+    assert said == []
+    expected = np.broadcast_to(deep[..., None] if channels == 1 else deep[..., :3], (8, 64, 3)) / 65535
+    found = read_picture(tmp_path / "out" / "deep.png") / 255
+    assert np.abs(found - expected).max() <= 1 / 255
+    in_capture = to_unit(colour_of(read_pixels(tmp_path / f"deep.{suffix}")))
+    np.testing.assert_allclose(in_capture, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int32])
+def test_samples_whose_white_is_unknown_are_left_out_and_named(tmp_path: Path, kind: type):
+    fill(tmp_path)
+    Image.fromarray(np.ones((40, 60), kind)).save(tmp_path / "raw.tif")
+    found, said = run(tmp_path, tmp_path / "out")
+    assert len(found) == 3
+    assert len(said) == 1
+    assert said[0].startswith("raw.tif does not decode (expected 8 or 16 bits per sample, found 32 ")
+    with pytest.raises(InputError, match="expected 8 or 16 bits per sample, found"):
+        read_pixels(tmp_path / "raw.tif")
+
+
+def test_pictures_of_other_formats_are_named(tmp_path: Path):
+    for name in ("b.exr", "a.EXR", "c.dng", ".d.exr", "notes.txt"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match=r"found 0; export 'a\.EXR' and 2 more as JPEG\.$"):
+        find_photographs(tmp_path)
+    fill(tmp_path)
+    assert unread_pictures(tmp_path) == "'a.EXR' and 2 more"
+    # A raw file beside the JPEG that the camera wrote with it.
+    (tmp_path / "plain0.dng").touch()
+    assert unread_pictures(tmp_path) == "'a.EXR' and 2 more"
+    for name in ("b.exr", "c.dng"):
+        (tmp_path / name).unlink()
+    assert unread_pictures(tmp_path) == "'a.EXR'"
+    (tmp_path / "a.EXR").unlink()
+    assert unread_pictures(tmp_path) == ""
 
 
 def test_names_are_apart_whatever_the_formats(tmp_path: Path):

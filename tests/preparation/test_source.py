@@ -12,7 +12,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.given import read_cameras
 from neural_strands.preparation.photographs.folder import write_picture
-from neural_strands.preparation.prepare import prepare
+from neural_strands.preparation.prepare import PrepareRequest, prepare
 from neural_strands.preparation.source import Source, find_source, has_unused_cameras
 
 NAMES = ("a.png", "b.png", "c.png")
@@ -50,6 +50,16 @@ def test_a_folder_of_photographs_is_no_model(tmp_path: Path):
     assert not has_unused_cameras(find_source(alone[0].parent, None))
     (tmp_path / "film.mp4").touch()
     assert find_source(tmp_path / "film.mp4", None) == Source((tmp_path / "film.mp4",), True, None)
+
+
+def test_what_is_not_read_beside_the_photographs_is_said(tmp_path: Path):
+    photographs(tmp_path / "photos")
+    (tmp_path / "photos" / "d.dng").touch()
+    said: list[str] = []
+    # Without a detector or landmarks, nothing else is done.
+    with pytest.raises(InputError, match="--detector"):
+        prepare(PrepareRequest(tmp_path / "photos", tmp_path / "capture"), said.append)
+    assert said == ["Left out, because such files are not read: 'd.dng'; export them as JPEG or PNG."]
 
 
 @pytest.mark.parametrize("given", [".", "sparse", "sparse/0"])

@@ -68,6 +68,13 @@ def test_a_capture_shows_its_true_strands(tiny_run):
     assert len(scene.photographs) == 6
 
 
+@pytest.mark.parametrize("name", ["transforms.json", "sparse/0/cameras.bin", "cameras.txt"])
+def test_a_folder_with_cameras_is_a_capture(tmp_path, name):
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).touch()
+    assert kind_of(tmp_path) == "capture"
+
+
 @pytest.mark.parametrize(("unit", "scale"), [(1.0, 1.0), (100.0, 0.01), (1000.0, 0.001)])
 def test_a_groom_is_shown_in_metres(tmp_path, unit, scale):
     points = torch.rand(50, 8, 3, generator=torch.Generator().manual_seed(0)) * 0.2
@@ -83,6 +90,8 @@ def test_what_cannot_be_shown_is_one_sentence(tmp_path):
     (tmp_path / "notes.txt").write_text("hair")
     with pytest.raises(InputError, match="expected a groom"):
         kind_of(tmp_path / "notes.txt")
+    with pytest.raises(InputError, match=r"expected the folder of a run, .* found another; name one"):
+        kind_of(tmp_path)
     with pytest.raises(InputError, match="expected transforms"):
         open_capture(tmp_path)
     np.savez(tmp_path / "bad.npz", a=np.zeros(3))

@@ -24,8 +24,8 @@ class Evaluate:
     (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure", after a gain per channel that is estimated
     outside the hair; the same under "image" for the whole image; the error of the "alpha" map; "lpips_note", if LPIPS
     is absent or also a training loss), strands_in_views_percent (for the same views: "direction", drawn strands within
-    20 degrees of the photograph's streaks, and hair "on_background"), unseen_strands_percent, milliseconds,
-    inside_head_percent."""
+    20 degrees of the photograph's streaks, hair "on_background", and "mask_on_background", the same share of the hair
+    masks themselves), unseen_strands_percent, milliseconds, inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""

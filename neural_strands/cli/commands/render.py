@@ -16,6 +16,7 @@ from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.cli.streams import print_json
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.files import is_taken, write_json
 from neural_strands.foundation.progress import track
 
 if TYPE_CHECKING:
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 
 VIDEO_SUFFIXES = (".mp4",)
 """Suffixes of --out that mean a video."""
+RECORD = "render.json"
+"""The file that marks a folder of images as written by `render`."""
+FORMAT = 1
+"""Version of the record's layout."""
 MOST_CAMERAS = 100_000
 """Largest number of cameras on a turntable."""
 MOST_POINTS = 10_000
@@ -47,7 +52,8 @@ class Render:
     model: Annotated[Path, tyro.conf.Positional]
     """Run, folder of its model, or edited folder."""
     out: Path
-    """Folder for the images, or a .mp4 file."""
+    """Folder for the images, or a .mp4 file. The folder has to be new or empty, or one that `render` wrote to before;
+    there, images of the same names are replaced."""
     camera: Path | None = None
     """A transforms.json with the cameras (nerfstudio's format, OpenGL axes)."""
     turntable: Annotated[int, Between(1, MOST_CAMERAS)] | None = None
@@ -81,7 +87,8 @@ class Render:
             motion = hair_motion(replace(opened.hair, strands=strands), opened.edits)
             frames = _frames(self._renderer(opened, strands), cameras, motion)
             count = len(cameras) if motion is None else motion.wind.frames
-            with self._writer(cameras[0], self.fps if motion is None else motion.wind.fps) as write:
+            fps = self.fps if motion is None else motion.wind.fps
+            with self._writer(cameras[0], fps, count) as write:
                 for name, output in track(frames, "rendering", total=count):
                     write(name, self._frame(output))
         result = {
@@ -113,6 +120,11 @@ class Render:
         if self.alpha and self.out.suffix.lower() in VIDEO_SUFFIXES:
             raise InputError(
                 f"{self.out}: a video has no alpha channel; name a folder for --out, or leave out --alpha."
+            )
+        if self.out.suffix.lower() not in VIDEO_SUFFIXES and not (self.out / RECORD).is_file() and is_taken(self.out):
+            raise InputError(
+                f"{self.out}: expected a new or empty folder, or one that render wrote to, found another; name a new "
+                "one."
             )
 
     def _strands(self, opened: "EditedHair") -> "Strands":
@@ -154,7 +166,7 @@ class Render:
         return to_bytes(output.cutout if self.alpha else output.rgb)
 
     @contextmanager
-    def _writer(self, first: "Camera", fps: float) -> "Iterator[Callable[[str, np.ndarray], None]]":
+    def _writer(self, first: "Camera", fps: float, frames: int) -> "Iterator[Callable[[str, np.ndarray], None]]":
         """A function that takes the frames one by one, and puts them where `out` says."""
         from neural_strands.pictures.encoding import write_png
         from neural_strands.pictures.video import video_writer
@@ -163,6 +175,9 @@ class Render:
             taken: set[str] = set()
 
             def write_image(name: str, frame: "np.ndarray") -> None:
+                if not taken:
+                    # Before the first image, so that those of a stopped rendering can be replaced, too.
+                    write_json(self.out / RECORD, {"format": FORMAT, "frames": frames})
                 write_png(self.out / picture_name(name, taken), frame)
 
             yield write_image

@@ -21,7 +21,7 @@ from PIL import Image, ImageCms
 
 from neural_strands.capture.images import colour_of, read_pixels, reduced
 from neural_strands.foundation.configs import Between, config_from_json
-from neural_strands.foundation.errors import InputError, reason
+from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.foundation.input_files import has_controls, is_file_name
 from neural_strands.foundation.json_files import read_json
 from neural_strands.foundation.progress import track
@@ -30,6 +30,11 @@ from neural_strands.preparation.stage import ADVICE
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Suffixes of photographs, in upper or lower case."""
+UNREAD = (
+    *(".exr", ".hdr", ".avif", ".jxl", ".psd"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw"),
+)
+"""Suffixes of pictures that are not read, such as those of high dynamic range and of cameras' raw files."""
 FEWEST = 3
 """Smallest number of photographs whose cameras can be estimated."""
 FILM_DIAGONAL = math.hypot(36.0, 24.0)
@@ -86,11 +91,28 @@ def find_photographs(folder: Path) -> list[Path]:
                 f"{folder}: expected names of photographs without control characters, found {path.name!r}; rename it."
             )
     if len(found) < FEWEST:
+        unread = unread_pictures(folder)
         raise InputError(
             f"{folder}: expected at least {FEWEST} photographs of the head from different sides (24 or more are "
-            f"better), found {len(found)}; {_elsewhere(folder) or 'take more'}."
+            f"better), found {len(found)}; "
+            f"{_elsewhere(folder) or (f'export {unread} as JPEG' if unread else 'take more')}."
         )
     return found
+
+
+def unread_pictures(folder: Path) -> str:
+    """Name pictures in a folder whose formats are not read: "'a.exr' and 11 more"; empty if there are none.
+
+    Those that lie beside a photograph of the same name, as raw files of cameras do, are not missed.
+    """
+    photographed = {path.stem.lower() for path in list_photographs(folder)}
+    found = sorted(
+        path.name
+        for path in folder.iterdir()
+        if path.suffix.lower() in UNREAD and not path.name.startswith(".") and path.stem.lower() not in photographed
+    )
+    more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+    return f"{excerpt(found[0])}{more}" if found else ""
 
 
 def list_photographs(folder: Path) -> list[Path]:
@@ -213,10 +235,19 @@ def read_picture(path: Path) -> np.ndarray:
 
 
 def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, float, str]:
-    """Return upright pixels (height, width, 3), their scale, the focal length in pixels, and the device."""
+    """Return upright pixels (height, width, 3), their scale, the focal length in pixels, and the device.
+
+    Raises:
+        ValueError: samples are not of 8 or 16 bits, so that it is unknown which of them is white.
+    """
+    # Pillow may read 16-bit grey of a PNG into 32 bits; a TIFF has whatever it says.
+    if image.mode == "F" or (image.mode == "I" and image.format != "PNG"):
+        raise ValueError("expected 8 or 16 bits per sample, found 32 or numbers with a sign; export it with 8 or 16")
     metadata = read_metadata(image)
     profile = image.info.get("icc_profile")
-    image = _in_srgb(upright(image, metadata.orientation), profile)
+    # Pillow turns a TIFF while it decodes it, and then forgets its orientation.
+    image.load()
+    image = _in_srgb(upright(image, read_metadata(image).orientation), profile)
     pixels = reduced(np.asarray(image), longest_side)
     height, width = pixels.shape[:2]
     scale = width / image.width
