@@ -125,7 +125,7 @@ def _parts(
     found = int(end[-1])
     pixels, segments = (torch.zeros(found, dtype=torch.int64, device=device) for _ in range(2))
     positions, weights = (torch.zeros(found, dtype=torch.float32, device=device) for _ in range(2))
-    outputs = [kernels.array(plane) for plane in (end - count, pixels, segments, positions, weights)]
+    outputs = [kernels.array(plane) for plane in (count, end - count, pixels, segments, positions, weights)]
     inputs = [segment, kernels.array(buffer.position), *sizes, *outputs]
     kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
     return pixels, segments, positions, weights

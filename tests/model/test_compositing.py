@@ -15,7 +15,6 @@ from neural_strands.model.compositing import (
     REACH,
     Background,
     Body,
-    BodyImage,
     SkinChange,
     SurroundConfig,
     area_mean,
@@ -24,16 +23,15 @@ from neural_strands.model.compositing import (
     near_hair,
     surrounding_odds,
 )
-from neural_strands.raster.lines import LineBuffer
+from neural_strands.raster.openings import openings
 
 SKIN = (0.6, 0.4, 0.3)
 
 
-def body_and_lines(is_body: torch.Tensor, is_hair: torch.Tensor) -> tuple[BodyImage, LineBuffer]:
-    """Skin of one colour and hair, at the resolution of lines."""
-    far = torch.full(is_body.shape, torch.inf)
-    body = BodyImage(is_body[..., None] * torch.tensor(SKIN), is_body.float(), far)
-    return body, LineBuffer(is_hair.long() - 1, torch.zeros(is_body.shape), far)
+def skin_between(is_body: torch.Tensor, is_hair: torch.Tensor, factor: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """What shows of skin of one colour between hair; both are given at the resolution of lines."""
+    seen = openings(torch.where(is_body, 1.0, torch.inf), is_hair.long() - 1, factor)
+    return between_lines((seen.surface > 0)[..., None] * torch.tensor(SKIN), seen)
 
 
 def test_the_centre_is_the_present_one_with_and_without_inference_mode():
@@ -156,7 +154,7 @@ def test_area_means_are_those_of_every_square(generator, factor, channels):
 def test_what_lies_between_lines_is_the_mean_over_open_line_pixels(generator, factor):
     height, width = 4, 5
     is_body, is_hair = torch.rand(2, factor * height, factor * width, generator=generator) > 0.5
-    share, colour = between_lines(*body_and_lines(is_body, is_hair), factor)
+    share, colour = skin_between(is_body, is_hair, factor)
 
     def square(row, column):
         """Line pixels of one pixel: whether each is open, and whether it is body."""
@@ -184,7 +182,7 @@ def test_no_rim_of_background_runs_along_a_face_in_front_of_hair():
     """A face ends in the middle of a pixel, and hair fills all that it leaves."""
     is_body = torch.zeros(9, 24, dtype=torch.bool)
     is_body[:, :14] = True
-    share, _ = between_lines(*body_and_lines(is_body, ~is_body), 3)
+    share, _ = skin_between(is_body, ~is_body, 3)
     # The pixel that the outline crosses, and the one beside it, let face shine through; those farther off, background.
     assert share[1, :6, 0].min() > 0.7
     assert share[1, 6:, 0].max() == 0
@@ -194,7 +192,7 @@ def test_no_rim_of_background_runs_along_a_face_in_front_of_hair():
 def test_without_hair_the_body_is_as_it_was_drawn():
     is_body = torch.zeros(9, 24, dtype=torch.bool)
     is_body[:, :14] = True
-    share, colour = between_lines(*body_and_lines(is_body, torch.zeros_like(is_body)), 3)
+    share, colour = skin_between(is_body, torch.zeros_like(is_body), 3)
     plain = area_mean(is_body[..., None].float(), 3)
     assert (share - plain).abs().max() < BESIDE
     torch.testing.assert_close(colour, share * torch.tensor(SKIN))

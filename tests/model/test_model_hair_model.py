@@ -36,6 +36,7 @@ from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig
+from neural_strands.raster.openings import openings
 from neural_strands.raster.splat import MINIMUM_WEIGHT, splat_pyramid
 from neural_strands.scalp.roots import Roots
 
@@ -252,7 +253,7 @@ def test_the_background_learns_only_beside_the_hair():
     hair, camera = model(supersample=1), view((96, 80))
     output = hair.render(stubble(hair), camera)
     alpha = output.alpha.detach()[..., None]
-    share, skin = between_lines(hair.body(camera), output.lines, 1)
+    share, skin = between_lines(hair.body(camera).colour, openings(output.body_depth, output.lines.segment, 1))
     bare = (1 - share) * (1 - alpha)
     assert (bare * (alpha > BACKGROUND_THROUGH)).max() > 0
     beside = bare * (alpha <= BACKGROUND_THROUGH)
@@ -269,7 +270,8 @@ def test_body_and_background_learn_where_they_are_told_to(generator):
     weights = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
     plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, gradient_weights=weights)
     assert torch.equal(output.rgb, plain.rgb)
-    alpha, (share, skin) = output.alpha.detach()[..., None], between_lines(hair.body(camera), output.lines, 1)
+    alpha, seen = output.alpha.detach()[..., None], openings(output.body_depth, output.lines.segment, 1)
+    share, skin = between_lines(hair.body(camera).colour, seen)
     bare = (1 - share) * weights.background[..., None]
     shown = hair.background(camera) * bare + skin * weights.body[..., None]
     learned = [hair.background.colour, hair.body.colour]
