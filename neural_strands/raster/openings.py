@@ -90,9 +90,9 @@ class _SurfaceColours(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        height, width, _ = gradients[0].shape
+        (corner_uv, changes), (height, width, _) = ctx.saved_tensors, gradients[0].shape
         found = kernels.zeros(ctx.size, torch.float32, gradients[0].device)
-        inputs = [*_surface(*ctx.saved_tensors, ctx.seen), width, ctx.factor]
+        inputs = [*_surface(corner_uv, changes, ctx.seen), width, ctx.factor]
         inputs += [kernels.array(gradients[0].reshape(-1, 3), wp.vec3), kernels.array(found, wp.vec3)]
         kernels.launch(opening_kernels.scatter_to_texture, height * width, inputs, found.device)
         return found, None, None, None, None
