@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.precision import has_bfloat16_matrices
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
@@ -83,7 +84,8 @@ class HairModelConfig:
     supersample: Annotated[int, Between(1, 16)] = 3
     """Line pixels per image pixel along each axis; all of them are splatted into the image pixel."""
     mixed_precision: bool = True
-    """Run the convolutions in bfloat16 on CUDA."""
+    """Run the convolutions in bfloat16 on CUDA and, to render without gradients, on processors that multiply matrices of
+    bfloat16 (AMX). Scores are always of pictures in float32."""
 
     @property
     def descriptor_channels(self) -> int:
@@ -303,15 +305,19 @@ class HairModel(nn.Module):
             camera: the view.
             turn: `self.rotation_to_seen(camera)`.
         """
-        # Channels-last memory is the fastest layout for convolutions.
-        pyramid = [
-            torch.cat([*_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn)], dim=2)
-            for level, level_map in enumerate(maps)
-        ]
         device = self.root_uv.device.type
         half = self.config.mixed_precision and device == "cuda"
+        # On the CPU only where nothing is learned: a fit's gradients stay in float32.
+        rounded = self.config.mixed_precision and device == "cpu" and not torch.is_grad_enabled()
+        rounded = rounded and has_bfloat16_matrices()
+        pyramid = []
+        for level, level_map in enumerate(maps):
+            parts = (*_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn))
+            # Channels-last memory, the fastest layout for convolutions.
+            joined = torch.cat([part.bfloat16() if rounded else part for part in parts], dim=2)
+            pyramid.append(joined.permute(2, 0, 1)[None])
         with torch.autocast(device, torch.bfloat16, enabled=half):
-            raw = self.unet([values.permute(2, 0, 1)[None] for values in pyramid])
+            raw = self.unet(pyramid)
         shaded = filled_from_coarser([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
         return raw[0].permute(1, 2, 0).float() + functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
 

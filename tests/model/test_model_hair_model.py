@@ -107,6 +107,20 @@ def test_any_image_size(size, supersample):
     assert 0 <= output.alpha.min() <= output.alpha.max() <= 1
 
 
+def test_pictures_without_gradients_are_rounded_where_that_is_faster(monkeypatch):
+    """But never pictures with gradients, nor those of a model without mixed precision, from which scores come."""
+    hair, exact_hair = model(), model(mixed_precision=False)
+    pictures = {}
+    for is_faster in (False, True):
+        monkeypatch.setattr(hair_model, "has_bfloat16_matrices", lambda is_faster=is_faster: is_faster)
+        with torch.no_grad():
+            pictures[is_faster] = hair.render(stubble(hair), view()).rgb
+            exact = exact_hair.render(stubble(exact_hair), view()).rgb
+        assert torch.equal(exact, pictures[False])
+        assert torch.equal(hair.render(stubble(hair), view()).rgb, exact)
+    assert 1e-6 < (pictures[True] - pictures[False]).abs().max() < 1 / 255
+
+
 def test_pixels_far_from_hair_need_not_be_computed(monkeypatch):
     # Hair in one corner of a large view, with and without the rest of the image generator's input.
     hair = model()
