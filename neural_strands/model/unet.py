@@ -63,7 +63,7 @@ class Activated(nn.Module):
     def forward(
         self, images: Float[Tensor, "batch inputs height width"], stride: int = 1
     ) -> Float[Tensor, "batch outputs new_height new_width"]:
-        """Convolve, add the bias, activate; images in bfloat16 are convolved in that precision and return as float32."""
+        """Convolve, add the bias, activate; on the CPU, images in bfloat16 return as float32."""
         if images.dtype == torch.bfloat16 and images.device.type == "cpu":
             linear = F.conv2d(images, self.weight.to(images.dtype), stride=stride, padding=1).float()
         else:
