@@ -84,8 +84,8 @@ class HairModelConfig:
     supersample: Annotated[int, Between(1, 16)] = 3
     """Line pixels per image pixel along each axis; all of them are splatted into the image pixel."""
     mixed_precision: bool = True
-    """Run the convolutions in bfloat16 on CUDA and, for pictures without gradients, on processors that multiply matrices
-    of bfloat16 (AMX). Scores are always of pictures in float32."""
+    """Run the convolutions in bfloat16 on CUDA and, for pictures without gradients, on processors that multiply its
+    matrices (AMX). Scores are always of pictures in float32."""
 
     @property
     def descriptor_channels(self) -> int:
