@@ -188,41 +188,42 @@ class Background(nn.Module):
 
     def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
         """Linear colour of the background behind every pixel."""
-        rays = camera.rays(camera.pixel_centres().view(-1, 2))
-        on_sphere = sphere_directions(camera.position - self.centre, rays, self.radius)
+        on_sphere = sphere_directions(camera.position - self.centre, camera.ray_planes(), self.radius)
+        u, v = equirectangular(on_sphere)
         # One extra column at each end, so that interpolation wraps around.
         wrapped = torch.cat([self.colour[:, -1:], self.colour, self.colour[:, :1]], dim=1)
         columns = self.colour.shape[1]
-        uv = equirectangular(on_sphere)
-        u = (uv[:, 0] * columns + 1) / (columns + 2)
-        colour = sample_picture(wrapped, torch.stack([u, uv[:, 1]], dim=1))
-        return colour.view(camera.height, camera.width, 3)
+        uv = torch.stack([(u * columns + 1) / (columns + 2), v], dim=-1)
+        return sample_picture(wrapped, uv.view(-1, 2)).view(camera.height, camera.width, 3)
 
 
 def sphere_directions(
-    origin: Float[Tensor, "3"], rays: Float[Tensor, "ray 3"], radius: float
-) -> Float[Tensor, "ray 3"]:
+    origin: Float[Tensor, "3"], rays: Float[Tensor, "3 height width"], radius: float
+) -> Float[Tensor, "3 height width"]:
     """Unit directions from the sphere's centre to the points where unit rays leave it.
 
     Args:
         origin: start of the rays relative to the sphere's centre, metres.
-        rays: unit directions of the rays.
+        rays: unit directions of the rays, axes first.
         radius: of the sphere, metres; a ray that misses the sphere keeps its own direction.
     """
-    along = rays @ origin
+    along = (origin[:, None, None] * rays).sum(dim=0)
     discriminant = along.square() - origin @ origin + radius**2
     distance = discriminant.clamp(min=0).sqrt() - along
     inside = (discriminant > 0) & (distance > 0)
-    return F.normalize(torch.where(inside[:, None], origin + distance[:, None] * rays, rays), dim=-1)
+    reached = (origin[:, None, None] + distance * rays) / radius
+    return torch.where(inside, reached, rays)
 
 
-def equirectangular(directions: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 2"]:
-    """Texture coordinates in [0, 1] of unit directions.
+def equirectangular(
+    directions: Float[Tensor, "3 height width"],
+) -> tuple[Float[Tensor, "height width"], Float[Tensor, "height width"]]:
+    """Texture coordinates u and v in [0, 1] of unit directions.
 
     u is the azimuth: 0.5 at +z, growing towards +x. v is the elevation: 0 straight down, 1 straight up.
     """
-    x, y, z = directions.unbind(-1)
-    return torch.stack([torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5], dim=-1)
+    x, y, z = directions
+    return torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5
 
 
 def surrounding_odds(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
