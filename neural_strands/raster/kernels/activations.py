@@ -54,7 +54,7 @@ def filtered_activation(
     down: Filter,
     height: int,
     width: int,
-    channels: int,
+    c: int,
     rows: int,
     tile: int,
     tall: wp.array[Span],
@@ -65,37 +65,37 @@ def filtered_activation(
 ) -> None:
     """Filter one tile of `rows` by `tile` pixels; jobs that share the work arrays must run one after the other.
 
-    Vectors are in the order row, column, channel. `bias` holds the vectors of the bias for every pixel of a tile and
-    its surroundings. `tall` holds a fine row at the coarse columns, `even` and `odd` the activated fine pixels of that
-    row, and `ring` the last twelve fine rows, filtered along the row; each is kept twice, so that they always lie
+    Vectors are in the order row, column, channel, `c` of them a pixel. `bias` holds the bias for every pixel of a tile
+    and its surroundings. `tall` holds a fine row at the coarse columns, `even` and `odd` the activated fine pixels of
+    that row, and `ring` the last twelve fine rows, filtered along the row; each is kept twice, so that they always lie
     one after the other. Fine pixels outside the image are zero.
     """
     job = first_job + wp.tid()
-    c = channels
     across = (width + tile - 1) // tile
     top = job // across * rows
     left = (job % across) * tile
     bottom = wp.min(top + rows, height)
     count = wp.min(tile, width - left)
-    line = width * c
     low = wp.max(left - REACH, 0)
     inside = (wp.min(left + count + REACH, width) - low) * c
-    skipped = (low - (left - REACH)) * c
+    skipped = (low - left + REACH) * c
     fine_size = (count + REACH) * c
     n = count * c
-    # Fine pixels of the image lie in [lead, trail); a zero beside them may spill into them before they are computed.
+    # The fine pixels of the image; those beside them stay zero.
     lead = wp.max(3 - left, 0) * c
     trail = fine_size - wp.max(left + count + 3 - width, 0) * c
     for e in range((count + 2 * REACH) * c - _SPAN + 1):
         tall[e] = Span(0.0)
+    for e in range(fine_size - _SPAN + 1):
+        even[e] = Span(0.0)
+        odd[e] = Span(0.0)
     for fine in range(2 * top - 5, 2 * bottom + 5):
         slot = ((fine + _TAPS) % _TAPS) * n
-        again = slot + _TAPS * n
         if fine < 0 or fine >= 2 * height:
             for j in range(0, n, _SPAN):
                 e = wp.min(j, n - _SPAN)
                 ring[slot + e] = Span(0.0)
-                ring[again + e] = Span(0.0)
+                ring[slot + _TAPS * n + e] = Span(0.0)
         else:
             # Even fine rows lie above the centre of their coarse row, odd ones below.
             odd_row = fine % 2
@@ -123,12 +123,6 @@ def filtered_activation(
                     + w4 * images[r4 + e]
                     + w5 * images[r5 + e]
                 )
-            for e in range(lead):
-                even[e] = Span(0.0)
-                odd[e] = Span(0.0)
-            for e in range(trail - _SPAN + 1, fine_size - _SPAN + 1):
-                even[e] = Span(0.0)
-                odd[e] = Span(0.0)
             for j in range(lead, trail, _SPAN):
                 e = wp.min(j, trail - _SPAN)
                 x = sum_of_six(tall, e, c, up[11], up[9], up[7], up[5], up[3], up[1])
@@ -142,9 +136,9 @@ def filtered_activation(
                 from_even = sum_of_six(even, e + c, c, down[1], down[3], down[5], down[7], down[9], down[11])
                 x = from_even + sum_of_six(odd, e, c, down[0], down[2], down[4], down[6], down[8], down[10])
                 ring[slot + e] = x
-                ring[again + e] = x
+                ring[slot + _TAPS * n + e] = x
         if fine % 2 == 0 and fine - REACH >= 2 * top:
-            place = (fine - REACH) // 2 * line + left * c
+            place = (fine - REACH) // 2 * width * c + left * c
             first = ((fine + 1) % _TAPS) * n
             for j in range(0, n, _SPAN):
                 e = wp.min(j, n - _SPAN)

@@ -34,14 +34,13 @@ def add_to_neighbours(
     amount: float,
     features: wp.array2d[Any],
     point: int,
-    first: int,
-    last: int,
+    groups: wp.vec2i,
     width: int,
     rows: wp.vec2i,
     sums: wp.array2d[Any],
     weights: wp.array[float],
 ) -> None:
-    """Add the vectors [first, last) of one point to its four neighbours among the rows [rows[0], rows[1])."""
+    """Add the vectors [groups[0], groups[1]) of a point to its four neighbours among the rows [rows[0], rows[1])."""
     x = position[0] - 0.5
     y = position[1] - 0.5
     if not (x > -1.0 and x < float(width) and y > float(rows[0]) - 1.0 and y < float(rows[1])):
@@ -55,9 +54,9 @@ def add_to_neighbours(
         weight *= amount
         if u >= 0 and u < width and v >= rows[0] and v < rows[1] and weight > 0.0:
             cell = v * width + u
-            if first == 0:
+            if groups[0] == 0:
                 wp.atomic_add(weights, cell, weight)
-            for group in range(first, last):
+            for group in range(groups[0], groups[1]):
                 wp.atomic_add(sums, cell, group, weight * features[point, group])
 
 
@@ -81,9 +80,9 @@ def accumulate(
     blocks = wp.max((quads + quads_per_item - 1) // quads_per_item, 1)
     point = item // blocks
     first = (item - point * blocks) * quads_per_item
-    last = wp.min(first + quads_per_item, quads)
+    groups = wp.vec2i(first, wp.min(first + quads_per_item, quads))
     rows = wp.vec2i(first_row, last_row)
-    add_to_neighbours(scale * pixels[point], amounts[point], features, point, first, last, width, rows, sums, weights)
+    add_to_neighbours(scale * pixels[point], amounts[point], features, point, groups, width, rows, sums, weights)
 
 
 @wp.kernel(enable_backward=False)
@@ -101,8 +100,9 @@ def accumulate_rows(
 ) -> None:
     """`accumulate` with all channels of a point in one vector; for the CPU."""
     point = wp.tid()
+    groups = wp.vec2i(0, 1)
     rows = wp.vec2i(first_row, last_row)
-    add_to_neighbours(scale * pixels[point], amounts[point], features, point, 0, 1, width, rows, sums, weights)
+    add_to_neighbours(scale * pixels[point], amounts[point], features, point, groups, width, rows, sums, weights)
 
 
 @wp.kernel(enable_backward=False)
