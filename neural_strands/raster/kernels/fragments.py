@@ -79,31 +79,37 @@ def gather_parts(
     positions: wp.array[float],
     weights: wp.array[float],
 ) -> None:
-    """List the parts that an image pixel sees, with their mean point and the number of line pixels that see them."""
+    """List the parts that an image pixel sees, with their mean point and the number of line pixels that see them.
+
+    Until all line pixels have been seen, `segments` and `pixels` hold the first and last segment of a part, and
+    `positions` the sum of positions.
+    """
     pixel = start + wp.tid()
     if counts[pixel] == 0:
         return
     top = pixel // width * factor
     left = pixel % width * factor
-    place = places[pixel]
+    begin = places[pixel]
+    end = begin
     for row in range(top, top + factor):
         for column in range(left, left + factor):
-            here = int(segment[row, column])
-            if here >= 0:
-                part = part_of(here, per_strand)
-                if is_first(segment, row, column, top, factor, part):
-                    total = wp.float32(0.0)
-                    weight = wp.float32(0.0)
-                    for y in range(row, top + factor):
-                        for x in range(left, left + factor):
-                            seen = int(segment[y, x])
-                            if seen >= part[0] and seen <= part[1]:
-                                total += float(seen - part[0]) + position[y, x]
-                                weight += 1.0
-                    along = total / weight
-                    whole = wp.min(int(along), part[1] - part[0])
-                    pixels[place] = wp.int64(pixel)
-                    segments[place] = wp.int64(part[0] + whole)
-                    positions[place] = along - float(whole)
-                    weights[place] = weight
-                    place += 1
+            here = segment[row, column]
+            if here >= wp.int64(0):
+                # The part that was found last is the most likely to be seen again.
+                place = end - 1
+                while place >= begin and (here < segments[place] or here > pixels[place]):
+                    place -= 1
+                if place < begin:
+                    part = part_of(int(here), per_strand)
+                    place = end
+                    end += 1
+                    segments[place] = wp.int64(part[0])
+                    pixels[place] = wp.int64(part[1])
+                positions[place] = positions[place] + (float(here - segments[place]) + position[row, column])
+                weights[place] = weights[place] + 1.0
+    for place in range(begin, end):
+        along = positions[place] / weights[place]
+        whole = wp.min(int(along), int(pixels[place] - segments[place]))
+        segments[place] = segments[place] + wp.int64(whole)
+        positions[place] = along - float(whole)
+        pixels[place] = wp.int64(pixel)
