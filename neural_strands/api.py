@@ -34,7 +34,8 @@ from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import write_groom as write_groom_file
 from neural_strands.lmvs.files import save_segments
 from neural_strands.model.files import load_hair_model
-from neural_strands.model.hair_model import HairModel, RenderOutput
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.outputs import RenderOutput
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.evaluate import Evaluation, evaluate_run, open_run
 from neural_strands.runs.run_fit import FitRequest, run_fit

@@ -24,7 +24,8 @@ from neural_strands.capture.capture import Capture
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.turntable import turntable_cameras
 from neural_strands.model.files import load_hair_model
-from neural_strands.model.hair_model import HairModel, RenderOutput
+from neural_strands.model.hair_model import HairModel
+from neural_strands.model.outputs import RenderOutput
 from neural_strands.model.renderer import HairRenderer
 
 SAME_DEPTH = 0.002

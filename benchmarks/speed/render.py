@@ -30,6 +30,7 @@ from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import SplatMap
+from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.raster.visible import visible_points
 from neural_strands.scalp.roots import Roots
 
@@ -118,7 +119,7 @@ def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]
     maps = splatted()
     stages = {
         "decode": model.decode,
-        "body": lambda: model.body(fine),
+        "body": lambda: model.body.colours(rasterise_triangles(model.body.vertices, model.body.faces, fine), factor),
         "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.lines),
         "volume": lambda: hair_volume(strands.points),
         "splat": splatted,

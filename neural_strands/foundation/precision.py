@@ -1,6 +1,7 @@
-"""The precision of CUDA convolutions."""
+"""The precision of convolutions."""
 
 import contextlib
+import functools
 from collections.abc import Iterator
 
 import torch
@@ -19,3 +20,13 @@ def exact_convolutions() -> Iterator[None]:
         yield
     finally:
         torch.backends.cudnn.allow_tf32 = before
+
+
+@functools.cache
+def has_bfloat16_matrices() -> bool:
+    """Whether this processor multiplies matrices of bfloat16 itself (Intel's AMX), so that convolutions of it are fast.
+
+    Without such instructions they take longer than in float32.
+    """
+    found = getattr(torch.cpu, "_is_amx_tile_supported", None)
+    return found is not None and bool(found())

@@ -134,6 +134,14 @@ class Camera:
         directions = homogeneous @ (self._inverse_intrinsics().T @ self.rotation)
         return torch.nn.functional.normalize(directions, dim=-1)
 
+    def ray_planes(self) -> Float[Tensor, "3 height width"]:
+        """`rays` through all pixel centres, with the axes first: several times as fast on the CPU."""
+        at = {"dtype": self.intrinsics.dtype, "device": self.intrinsics.device}
+        x, y = (torch.arange(side, **at) + 0.5 for side in (self.width, self.height))
+        columns, rows, ahead = self._inverse_intrinsics().T @ self.rotation
+        planes = columns[:, None, None] * x + rows[:, None, None] * y[:, None] + ahead[:, None, None]
+        return planes / planes.square().sum(dim=0).sqrt()
+
     def pixel_centres(self) -> Float[Tensor, "height width 2"]:
         """The coordinates of every pixel's centre."""
         x = torch.arange(self.width, device=self.intrinsics.device, dtype=self.intrinsics.dtype) + 0.5

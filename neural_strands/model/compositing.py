@@ -9,16 +9,17 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.cameras import Camera
-from neural_strands.geometry.mesh import Mesh, interpolate
+from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.lines import LineBuffer
+from neural_strands.raster.openings import Openings, surface_colours
 from neural_strands.raster.splat import MINIMUM_WEIGHT
 from neural_strands.raster.texture import sample_picture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
@@ -32,8 +33,6 @@ DENSEST = 0.995
 COVERED, BESIDE = 0.001, 0.02
 """Weights in what shows through the hair of a pixel, in which its open line pixels count 1: its covered ones, and the
 open ones of the nine pixels around it."""
-LEAST_SHARE = 1e-6
-"""Smallest share of body in a pixel by which its colour is divided."""
 CONTEXT = 14
 """Pixels beyond the farthest that may show hair which the image generator also sees."""
 
@@ -138,30 +137,23 @@ class Body(nn.Module):
             change: how the colours differ from the learned ones, if they do.
         """
         seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
-        covered, (height, width) = seen.face >= 0, seen.face.shape
-        if covered.device.type == "cuda" and len(self.faces):
-            # Selecting the body's pixels would make the host wait for the device; colouring every pixel does not.
-            colour = self._colours(seen.face.view(-1).clamp(min=0), seen.barycentric.view(-1, 3), change)
-            image = torch.where(covered.view(-1, 1), colour, 0.0)
-        else:
-            pixels = torch.nonzero(covered.view(-1)).squeeze(1)
-            colour = self._colours(seen.face.view(-1)[pixels], seen.barycentric.view(-1, 3)[pixels], change)
-            image = colour.new_zeros(height * width, 3).index_copy(0, pixels, colour)
-        return BodyImage(image.view(height, width, 3), covered.to(colour.dtype), seen.depth)
+        colour, covered = self.colours(seen, change=change), (seen.face >= 0).to(self.colour.dtype)
+        return BodyImage(colour, covered, seen.depth)
 
-    def _colours(
-        self,
-        face: Int64[Tensor, " pixel"],
-        barycentric: Float[Tensor, "pixel 3"],
-        change: SkinChange | None,
-    ) -> Float[Tensor, "pixel 3"]:
-        """Linear colours at barycentric positions on faces."""
-        colour = sample_picture(self.colour, interpolate(self.corner_uv, face, barycentric))
-        if change is None:
-            return colour
-        at_vertices = torch.cat([change.factor[:, None], change.share[:, None], change.instead], dim=1)
-        factor, share, instead = interpolate(at_vertices[self.faces], face, barycentric).split([1, 1, 3], dim=1)
-        return torch.lerp(colour * factor, instead, share)
+    def colours(
+        self, seen: TriangleBuffer, factor: int = 1, change: SkinChange | None = None
+    ) -> Float[Tensor, "height width 3"]:
+        """Linear colours of the visible surface; zero where there is none.
+
+        Args:
+            seen: the mesh, drawn at `factor` times the resolution of the colours.
+            factor: pixels of the drawing for each pixel, along each axis; those with surface are averaged.
+            change: how the colours differ from the learned ones, if they do.
+        """
+        changes = None
+        if change is not None:
+            changes = torch.cat([change.factor[:, None], change.share[:, None], change.instead], dim=1)
+        return surface_colours(self.colour, self.corner_uv, seen, factor, changes)
 
 
 def _edge_steps(mesh: Mesh, step: float) -> int:
@@ -196,41 +188,42 @@ class Background(nn.Module):
 
     def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
         """Linear colour of the background behind every pixel."""
-        rays = camera.rays(camera.pixel_centres().view(-1, 2))
-        on_sphere = sphere_directions(camera.position - self.centre, rays, self.radius)
+        on_sphere = sphere_directions(camera.position - self.centre, camera.ray_planes(), self.radius)
+        u, v = equirectangular(on_sphere)
         # One extra column at each end, so that interpolation wraps around.
         wrapped = torch.cat([self.colour[:, -1:], self.colour, self.colour[:, :1]], dim=1)
         columns = self.colour.shape[1]
-        uv = equirectangular(on_sphere)
-        u = (uv[:, 0] * columns + 1) / (columns + 2)
-        colour = sample_picture(wrapped, torch.stack([u, uv[:, 1]], dim=1))
-        return colour.view(camera.height, camera.width, 3)
+        uv = torch.stack([(u * columns + 1) / (columns + 2), v], dim=-1)
+        return sample_picture(wrapped, uv.view(-1, 2)).view(camera.height, camera.width, 3)
 
 
 def sphere_directions(
-    origin: Float[Tensor, "3"], rays: Float[Tensor, "ray 3"], radius: float
-) -> Float[Tensor, "ray 3"]:
+    origin: Float[Tensor, "3"], rays: Float[Tensor, "3 height width"], radius: float
+) -> Float[Tensor, "3 height width"]:
     """Unit directions from the sphere's centre to the points where unit rays leave it.
 
     Args:
         origin: start of the rays relative to the sphere's centre, metres.
-        rays: unit directions of the rays.
+        rays: unit directions of the rays, axes first.
         radius: of the sphere, metres; a ray that misses the sphere keeps its own direction.
     """
-    along = rays @ origin
+    along = (origin[:, None, None] * rays).sum(dim=0)
     discriminant = along.square() - origin @ origin + radius**2
     distance = discriminant.clamp(min=0).sqrt() - along
     inside = (discriminant > 0) & (distance > 0)
-    return F.normalize(torch.where(inside[:, None], origin + distance[:, None] * rays, rays), dim=-1)
+    reached = (origin[:, None, None] + distance * rays) / radius
+    return torch.where(inside, reached, rays)
 
 
-def equirectangular(directions: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 2"]:
-    """Texture coordinates in [0, 1] of unit directions.
+def equirectangular(
+    directions: Float[Tensor, "3 height width"],
+) -> tuple[Float[Tensor, "height width"], Float[Tensor, "height width"]]:
+    """Texture coordinates u and v in [0, 1] of unit directions.
 
     u is the azimuth: 0.5 at +z, growing towards +x. v is the elevation: 0 straight down, 1 straight up.
     """
-    x, y, z = directions.unbind(-1)
-    return torch.stack([torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5], dim=-1)
+    x, y, z = directions
+    return torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5
 
 
 def surrounding_odds(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
@@ -318,7 +311,7 @@ def area_mean(image: Float[Tensor, "fine_height fine_width channel"], factor: in
 
 
 def between_lines(
-    body: BodyImage, lines: LineBuffer, factor: int
+    colour: Float[Tensor, "height width 3"], seen: Openings
 ) -> tuple[Float[Tensor, "height width 1"], Float[Tensor, "height width 3"]]:
     """Share of each pixel that is body, and the body's colour times that share, in what lines leave open.
 
@@ -327,18 +320,12 @@ def between_lines(
     is lower, too, because fewer lines are near; what shows through there is what neighbouring pixels leave open.
 
     Args:
-        body: drawn at `factor` times the image's resolution.
-        lines: drawn at the same resolution.
-        factor: line pixels for each pixel, along each axis.
+        colour: of the body, one per pixel; zero where there is none.
+        seen: what lines leave open of each pixel, with the body as the surface.
     """
-    is_open = (lines.segment < 0).to(body.coverage.dtype)
-    share, open_body, open_share = (
-        area_mean(each[..., None], factor)[..., 0] for each in (body.coverage, body.coverage * is_open, is_open)
-    )
-    # Within a pixel the body has one colour, which spares a product of colours at the lines' resolution.
-    colour = area_mean(body.colour, factor).permute(2, 0, 1).contiguous() / share.clamp(min=LEAST_SHARE)
-    around = BESIDE * _mean_around(torch.cat([colour * open_body, open_body[None], open_share[None]]))
-    weight, own = open_share + COVERED + around[4], open_body + COVERED * share
+    colour = colour.permute(2, 0, 1).contiguous()
+    around = BESIDE * _mean_around(torch.cat([colour * seen.open_surface, seen.open_surface[None], seen.open[None]]))
+    weight, own = seen.open + COVERED + around[4], seen.open_surface + COVERED * seen.surface
     return ((own + around[3]) / weight)[..., None], ((colour * own + around[:3]) / weight).permute(1, 2, 0)
 
 

@@ -6,7 +6,7 @@ is looked up at the position of their roots on the scalp chart.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import torch
 from jaxtyping import Float, Int64
@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.precision import has_bfloat16_matrices
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import to_world
@@ -35,15 +36,17 @@ from neural_strands.model.compositing import (
 )
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import LightChange
+from neural_strands.model.outputs import Drawing, HairImage, RenderOutput
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
 from neural_strands.model.seen_directions import turn_to_seen
 from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
-from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
+from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.nodes import visible_nodes
+from neural_strands.raster.openings import openings
 from neural_strands.raster.splat import SplatMap, splat_pyramid
-from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
+from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.raster.visible import VisiblePoints, interpolate_knots, visible_points
 from neural_strands.scalp.roots import Roots
 
@@ -81,70 +84,13 @@ class HairModelConfig:
     supersample: Annotated[int, Between(1, 16)] = 3
     """Line pixels per image pixel along each axis; all of them are splatted into the image pixel."""
     mixed_precision: bool = True
-    """Run the convolutions in bfloat16 on CUDA."""
+    """Run the convolutions in bfloat16 on CUDA and, for pictures without gradients, on processors that multiply its
+    matrices (AMX). Scores are always of pictures in float32."""
 
     @property
     def descriptor_channels(self) -> int:
         """Channels at every level of the pyramid: z_a, direction, t, viewing direction, colour, odds of coverage."""
         return self.textures.appearance_channels + 3 + 1 + 3 + 3 + 1
-
-
-class Drawing(NamedTuple):
-    """Strands and body as a camera sees them, at `supersample` times the image's resolution.
-
-    Attributes:
-        body: the visible faces.
-        lines: the visible segments.
-    """
-
-    body: TriangleBuffer
-    lines: LineBuffer
-
-
-class HairImage(NamedTuple):
-    """The hair alone in one view.
-
-    Attributes:
-        rgb: linear colour.
-        alpha: opacity.
-        coverage: share of each pixel covered by strands.
-        drawing: strands and body as the camera sees them.
-        visible: the points of strands that are seen.
-    """
-
-    rgb: Float[Tensor, "height width 3"]
-    alpha: Float[Tensor, "height width"]
-    coverage: Float[Tensor, "height width"]
-    drawing: Drawing
-    visible: VisiblePoints
-
-
-@dataclass(frozen=True)
-class RenderOutput:
-    """One rendered view.
-
-    Attributes:
-        rgb: hair over body over background, sRGB-encoded; not clamped to [0, 1].
-        alpha: opacity of the hair.
-        hair_rgb: colour of the hair alone, linear.
-        behind_rgb: body over background as strands leave them open (`between_lines`), linear.
-        coverage: share of each pixel covered by strands.
-        lines: the drawn lines, at `supersample` times the image's resolution.
-        body_depth: depth of the body at that resolution, metres along the optical axis; infinite where there is none.
-    """
-
-    rgb: Float[Tensor, "height width 3"]
-    alpha: Float[Tensor, "height width"]
-    hair_rgb: Float[Tensor, "height width 3"]
-    behind_rgb: Float[Tensor, "height width 3"]
-    coverage: Float[Tensor, "height width"]
-    lines: LineBuffer
-    body_depth: Float[Tensor, "fine_height fine_width"]
-
-    @property
-    def cutout(self) -> Float[Tensor, "height width 4"]:
-        """The hair alone, as an RGBA picture: sRGB-encoded colour and opacity."""
-        return torch.cat([to_srgb(self.hair_rgb), self.alpha[..., None]], dim=-1)
 
 
 class HairModel(nn.Module):
@@ -261,9 +207,10 @@ class HairModel(nn.Module):
         """
         hair = self.render_hair(strands, camera, blur, volume, light)
         camera, factor, alpha = camera.to(self.root_uv.device), self.config.supersample, hair.alpha
-        seen = hair.drawing.body
-        body = self.body(camera, seen, None if light is None else light.skin)
-        share, skin = between_lines(body, hair.drawing.lines, factor)
+        seen, lines = hair.drawing
+        between = openings(seen.depth, lines.segment, factor)
+        body = self.body.colours(seen, factor, None if light is None else light.skin)
+        share, skin = between_lines(body, between)
         background = self.background(camera)
         if gradient_weights is None:
             # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
@@ -273,7 +220,7 @@ class HairModel(nn.Module):
             background = weighted_gradient(background, gradient_weights.background)
         behind = skin + (1 - share) * background
         rgb = to_srgb(compose(hair.rgb, alpha, behind))
-        return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, hair.drawing.lines, seen.depth)
+        return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, lines, seen.depth)
 
     def render_hair(
         self,
@@ -358,15 +305,19 @@ class HairModel(nn.Module):
             camera: the view.
             turn: `self.rotation_to_seen(camera)`.
         """
-        # Channels-last memory is the fastest layout for convolutions.
-        pyramid = [
-            torch.cat([*_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn)], dim=2)
-            for level, level_map in enumerate(maps)
-        ]
         device = self.root_uv.device.type
         half = self.config.mixed_precision and device == "cuda"
+        # On the CPU only where nothing is learned: a fit's gradients stay in float32.
+        rounded = self.config.mixed_precision and device == "cpu" and not torch.is_grad_enabled()
+        rounded = rounded and has_bfloat16_matrices()
+        pyramid = []
+        for level, level_map in enumerate(maps):
+            parts = (*_encoded(level_map.features), *self._pixel_channels(level_map, camera, level, turn))
+            # Channels-last memory, the fastest layout for convolutions.
+            joined = torch.cat([part.bfloat16() if rounded else part for part in parts], dim=2)
+            pyramid.append(joined.permute(2, 0, 1)[None])
         with torch.autocast(device, torch.bfloat16, enabled=half):
-            raw = self.unet([values.permute(2, 0, 1)[None] for values in pyramid])
+            raw = self.unet(pyramid)
         shaded = filled_from_coarser([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
         return raw[0].permute(1, 2, 0).float() + functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
 

@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neural_strands.model.compositing import REACH
-from neural_strands.model.hair_model import RenderOutput
+from neural_strands.model.outputs import RenderOutput
 
 OPAQUE = 0.5
 """Opacity of hair from which a pixel counts as hair."""

@@ -8,9 +8,10 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.frame_memory import check_frame_memory
-from neural_strands.model.hair_model import HairImage, HairModel, RenderOutput
+from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import BakedLight, LightChange
+from neural_strands.model.outputs import HairImage, RenderOutput
 from neural_strands.model.thickness import strand_widths
 
 

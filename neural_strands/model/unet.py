@@ -63,8 +63,11 @@ class Activated(nn.Module):
     def forward(
         self, images: Float[Tensor, "batch inputs height width"], stride: int = 1
     ) -> Float[Tensor, "batch outputs new_height new_width"]:
-        """Convolve, add the bias, activate."""
-        linear = F.conv2d(images, self.weight, stride=stride, padding=1)
+        """Convolve, add the bias, activate; on the CPU, images in bfloat16 return as float32."""
+        if images.dtype == torch.bfloat16 and images.device.type == "cpu":
+            linear = F.conv2d(images, self.weight.to(images.dtype), stride=stride, padding=1).float()
+        else:
+            linear = F.conv2d(images, self.weight, stride=stride, padding=1)
         return filtered_leaky_relu(linear, self.bias, self.kernel) if self.alias_free else leaky_relu(linear, self.bias)
 
 
@@ -95,7 +98,8 @@ class UNet(nn.Module):
         """Corrections of colour and opacity logit for every pixel of the finest map, which may have any size.
 
         Args:
-            pyramid: descriptor maps, finest first, each side half of the previous one, rounded up.
+            pyramid: descriptor maps, finest first, each side half of the previous one, rounded up. For maps in
+                bfloat16, what convolutions of encoders and decoders read and return is rounded, and nothing else.
 
         Raises:
             ValueError: the number of maps or their sizes do not fit the network.
@@ -105,10 +109,10 @@ class UNet(nn.Module):
         hidden = self.encoders[0](maps[0])
         kept = [hidden]
         for level in range(1, self.config.levels):
-            hidden = self.encoders[level](torch.cat([self._down(hidden, level - 1), maps[level]], dim=1))
+            hidden = self.encoders[level](_joined(self._down(hidden, level - 1), maps[level], like=maps[0]))
             kept.append(hidden)
         for level in reversed(range(self.config.levels - 1)):
-            hidden = self.decoders[level](torch.cat([kept[level], self._up(hidden)], dim=1))
+            hidden = self.decoders[level](_joined(kept[level], self._up(hidden), like=maps[0]))
         # In channels-last memory a 1 x 1 convolution is a matrix product, which is much faster on the CPU.
         image = F.linear(hidden.permute(0, 2, 3, 1), self.output, self.bias)
         return image.permute(0, 3, 1, 2)[..., :height, :width]
@@ -140,3 +144,12 @@ class UNet(nn.Module):
             grown = F.pad(images, (0, missing[1], 0, missing[0])) if any(missing) else images
             padded.append(grown.contiguous(memory_format=torch.channels_last))
         return padded
+
+
+def _joined(
+    one: Float[Tensor, "batch _ height width"], other: Float[Tensor, "batch _ height width"], like: Tensor
+) -> Float[Tensor, "batch channel height width"]:
+    """The channels of both, rounded to bfloat16 if `like` is."""
+    if like.dtype == torch.bfloat16:
+        return torch.cat([one.bfloat16(), other.bfloat16()], dim=1)
+    return torch.cat([one, other], dim=1)

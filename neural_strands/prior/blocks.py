@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-BLOCK = 1024
+BLOCK = 2048
 """Strands per block on a CPU."""
 
 

@@ -7,7 +7,7 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 from neural_strands.raster.keys import background_keys, empty_keys, key_index, pack_keys
 from neural_strands.raster.lines import DEFAULT_LINES, LineBuffer, LineConfig
-from neural_strands.raster.triangles import NEAR, TriangleBuffer
+from neural_strands.raster.triangles import NEAR
 
 FACES_AT_ONCE = 256
 """Faces tested against all pixels at once."""
@@ -159,8 +159,12 @@ def _pixels_across(
 
 def rasterise_triangles_reference(
     vertices: Float[Tensor, "vertex 3"], faces: Int64[Tensor, "face 3"], camera: Camera, near: float = NEAR
-) -> TriangleBuffer:
-    """Twin of `triangles.rasterise_triangles`: every pixel's ray meets every face (Moeller and Trumbore 1997)."""
+) -> tuple[Int64[Tensor, "height width"], Float[Tensor, "height width 3"], Float[Tensor, "height width"]]:
+    """Twin of `triangles.rasterise_triangles`: every pixel's ray meets every face (Moeller and Trumbore 1997).
+
+    Returns:
+        Face, barycentric coordinates and depth of every pixel, as in `triangles.TriangleBuffer`.
+    """
     height, width = camera.height, camera.width
     rays = camera.rays(camera.pixel_centres().view(-1, 2))
     forward = rays @ camera.rotation[2]
@@ -184,4 +188,4 @@ def rasterise_triangles_reference(
         v, w = v[closer, which], w[closer, which]
         barycentric[closer] = torch.stack([1 - v - w, v, w], dim=-1)
     size = (height, width)
-    return TriangleBuffer(face.view(size), barycentric.view(*size, 3).float(), nearest.view(size).float())
+    return face.view(size), barycentric.view(*size, 3).float(), nearest.view(size).float()

@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 import torch
+import warp as wp
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
@@ -20,9 +21,10 @@ from neural_strands.raster.kernels.activations import (
     CLAMP,
     LEAKY_SLOPE,
     REACH,
+    SPAN,
     TAPS,
     Filter,
-    Vector,
+    Span,
     filtered_activation,
 )
 
@@ -82,7 +84,9 @@ def _is_fused(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Ten
         return False
     if torch.is_autocast_enabled("cpu") or (torch.is_grad_enabled() and (images.requires_grad or bias.requires_grad)):
         return False
-    return images.shape[1] % CHANNELS == 0 and len(kernel) == TAPS and images.numel() > 0
+    if images.shape[1] % CHANNELS or len(kernel) != TAPS or images.numel() == 0:
+        return False
+    return _tiling(images.shape[3])[1] * images.shape[1] >= SPAN * CHANNELS
 
 
 def _fused_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: Float[Tensor, " tap"]) -> Images:
@@ -90,18 +94,18 @@ def _fused_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: F
     batch, channel, height, width = images.shape
     pixels = images.permute(0, 2, 3, 1).contiguous()
     result = launches.zeros(pixels.shape, torch.float32, images.device)
-    tile = min(TILE, width)
+    tile, _ = _tiling(width)
     rows = -(-height // torch.get_num_threads())
     across = -(-width // tile)
     filters = [Filter(*(kernel * gain).tolist()) for gain in (2.0, math.sqrt(LEAKY_GAIN))]
-    repeated = _vectors(bias.detach().to(images).repeat(tile + 2 * REACH))
+    repeated = _spans(bias.detach().to(images).repeat(tile + 2 * REACH))
     sizes = [height, width, channel // CHANNELS, rows, tile]
 
     def band(source: Tensor, target: Tensor, number: int) -> None:
         # Every thread has work arrays of its own.
         sizes_of_work = (tile + 2 * REACH, tile + REACH, tile + REACH, 2 * TAPS * tile)
-        work = [_vectors(launches.zeros([size * channel], torch.float32, source.device)) for size in sizes_of_work]
-        inputs = [number * across, _vectors(source), repeated, *filters, *sizes, *work, _vectors(target)]
+        work = [_spans(launches.zeros([size * channel], torch.float32, source.device)) for size in sizes_of_work]
+        inputs = [number * across, _spans(source), repeated, *filters, *sizes, *work, _spans(target)]
         launches.launch(filtered_activation, across, inputs, "cpu")
 
     launches.load(filtered_activation, "cpu")
@@ -112,8 +116,18 @@ def _fused_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: F
     return result.permute(0, 3, 1, 2)
 
 
-def _vectors(values: Tensor) -> Any:
-    return launches.array(values.reshape(-1, CHANNELS), Vector)
+def _tiling(width: int) -> tuple[int, int]:
+    """Columns of a tile, at most `TILE`, and of the last tile, which is as wide or a little narrower."""
+    tile = -(-width // -(-width // TILE))
+    return tile, width - (-(-width // tile) - 1) * tile
+
+
+def _spans(values: Tensor) -> Any:
+    """All spans of vectors, which overlap each other."""
+    flat = values.view(-1)
+    launches.start_warp()
+    spans = flat.as_strided((len(flat) // CHANNELS - SPAN + 1, SPAN * CHANNELS), (CHANNELS, 1), flat.storage_offset())
+    return wp.from_torch(spans, dtype=Span, requires_grad=False)
 
 
 def _per_channel(bias: Float[Tensor, " channel"], images: Images) -> Float[Tensor, "channel 1 1"]:

@@ -147,23 +147,31 @@ def _accumulate(
     planes: list[tuple[Tensor, Tensor]],
 ) -> None:
     """Sum weighted features and weights; on the CPU each thread visits all points for its own band of rows."""
-    kernel, device = splat_kernels.accumulate, features.device
-    kernels.load(kernel, device)
+    device, channels = features.device, features.shape[1]
     on_gpu = device.type == "cuda"
+    # One CUDA thread adds one quad; on the CPU one item is a whole point, if possible as a single vector.
+    as_rows = not on_gpu and channels == splat_kernels.ROW and not kernels.is_traced(features)
+    kernel = splat_kernels.accumulate_rows if as_rows else splat_kernels.accumulate
+    vectors = _rows if as_rows else quads
+    kernels.load(kernel, device)
     bands = 1 if on_gpu else torch.get_num_threads()
-    # One CUDA thread adds one quad; on the CPU one item is a whole point.
-    count = max(features.shape[1] // QUAD, 1)
-    run = 1 if on_gpu else count
-    items = len(pixels) * (count // run)
-    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), quads(features)]
+    count = max(channels // QUAD, 1)
+    run = [] if as_rows else [1 if on_gpu else count]
+    items = len(pixels) * (count if on_gpu else 1)
+    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), vectors(features)]
     jobs = [[] for _ in range(bands)]
     for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
-        outputs = [quads(sums), kernels.array(weights)]
+        outputs = [vectors(sums), kernels.array(weights)]
         for band in range(bands):
             rows = [height * band // bands, height * (band + 1) // bands]
-            inputs = [*points, 0.5**level, width, *rows, run, *outputs]
+            inputs = [*points, 0.5**level, width, *rows, *run, *outputs]
             jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
     kernels.run_together([functools.partial(_run_all, band) for band in jobs])
+
+
+def _rows(features: Tensor) -> Any:
+    """All channels of each item as one vector."""
+    return kernels.array(features.contiguous().view(len(features), 1, splat_kernels.ROW), splat_kernels.Row)
 
 
 def _run_all(jobs: list) -> None:

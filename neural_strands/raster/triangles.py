@@ -11,13 +11,13 @@ from typing import Any
 
 import torch
 import warp as wp
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Float, Float32, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
 from neural_strands.raster.kernels import triangles as triangle_kernels
-from neural_strands.raster.keys import empty_keys
+from neural_strands.raster.keys import empty_keys, key_index
 from neural_strands.raster.lines import projection_matrix
 
 STRIPES = 16
@@ -31,14 +31,35 @@ class TriangleBuffer:
     """The nearest face at each pixel.
 
     Attributes:
-        face: index of the nearest face, -1 where none.
-        barycentric: weights of the face's corners, perspective-correct; zero where none.
+        keys: depth and face of each pixel (see `keys`).
         depth: metres along the optical axis; infinite where none.
+        vertices: of the mesh that was drawn, in homogeneous pixels (x * depth, y * depth, depth).
+        faces: its vertex indices.
     """
 
-    face: Int64[Tensor, "height width"]
-    barycentric: Float32[Tensor, "height width 3"]
+    keys: Int64[Tensor, "height width"]
     depth: Float32[Tensor, "height width"]
+    vertices: Float32[Tensor, "vertex 3"]
+    faces: Int32[Tensor, "face 3"]
+
+    @functools.cached_property
+    def face(self) -> Int64[Tensor, "height width"]:
+        """Index of the nearest face, -1 where none."""
+        return key_index(self.keys)
+
+    @functools.cached_property
+    def barycentric(self) -> Float32[Tensor, "height width 3"]:
+        """Weights of the face's corners, perspective-correct; zero where none."""
+        (height, width), device = self.keys.shape, self.keys.device
+        barycentric = kernels.zeros((height, width, 3), torch.float32, device)
+        outputs = [width, kernels.array(barycentric.view(-1, 3), wp.vec3)]
+        inputs = [kernels.array(self.keys.view(-1)), *self.mesh(), *outputs]
+        kernels.launch_split(triangle_kernels.resolve_weights, height * width, inputs, device)
+        return barycentric
+
+    def mesh(self) -> list[Any]:
+        """The mesh as kernels read it."""
+        return [kernels.array(self.vertices, wp.vec3), kernels.array(self.faces, wp.vec3i)]
 
 
 def rasterise_triangles(
@@ -53,31 +74,23 @@ def rasterise_triangles(
         near: distance of the near plane from the camera, metres.
     """
     height, width, device = camera.height, camera.width, vertices.device
-    keys = empty_keys(height, width, device)
-    mesh = [
+    projected = torch.zeros(vertices.shape, device=device)
+    inputs = [
         kernels.array(vertices.float(), wp.vec3),
-        kernels.array(faces.int(), wp.vec3i),
         kernels.array(projection_matrix(camera, device)[None], wp.mat44),
+        kernels.array(projected, wp.vec3),
     ]
-    flat_keys = kernels.array(keys.view(-1))
+    kernels.launch_split(triangle_kernels.project_vertices, len(vertices), inputs, device)
+    depth = kernels.zeros((height, width), torch.float32, device)
+    buffer = TriangleBuffer(empty_keys(height, width, device), depth, projected, faces.int())
+    keys = kernels.array(buffer.keys.view(-1))
     if device.type == "cuda":
-        inputs = [*mesh, near, width, 0, height, STRIPES, flat_keys]
+        inputs = [*buffer.mesh(), near, width, 0, height, STRIPES, keys]
         kernels.launch(triangle_kernels.draw_triangles, len(faces) * STRIPES, inputs, device)
     else:
-        _draw_in_bands([*mesh, near, width], len(faces), height, flat_keys)
-    buffer = TriangleBuffer(
-        torch.zeros_like(keys),
-        torch.zeros(height, width, 3, device=device),
-        torch.zeros(height, width, device=device),
-    )
-    outputs = [
-        kernels.array(buffer.face.view(-1)),
-        kernels.array(buffer.barycentric.view(-1, 3), wp.vec3),
-        kernels.array(buffer.depth.view(-1)),
-    ]
-    kernels.launch_split(
-        triangle_kernels.resolve_triangles, height * width, [flat_keys, *mesh, width, *outputs], device
-    )
+        _draw_in_bands([*buffer.mesh(), near, width], len(faces), height, keys)
+    outputs = [keys, kernels.array(depth.view(-1))]
+    kernels.launch_split(triangle_kernels.resolve_depths, height * width, outputs, device)
     return buffer
 
 

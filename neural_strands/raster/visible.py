@@ -4,6 +4,7 @@ A visible point is a blend of the two ends of its segment with constant weights 
 differentiated), so its gradient goes to those two ends and to nothing hidden.
 """
 
+import functools
 from dataclasses import dataclass
 
 import torch
@@ -22,22 +23,37 @@ class VisiblePoints:
     Attributes:
         pixel: index row * width + column of the pixel that sees the point.
         segment: global segment index.
-        strand: index of the strand.
-        vertex: index, within the strand, of the point at which the segment starts.
         position: position on the segment, in [0, 1].
-        t: parameter on the strand as it was fitted, 0 at the root and 1 at the tip.
         weight: number of line pixels that see the point.
         world: position in world metres; its gradient goes to both ends of the segment.
+        per_strand: number of segments of a strand.
+        knots: parameters of the strands' points; None: evenly spaced.
     """
 
     pixel: Int64[Tensor, " visible"]
     segment: Int64[Tensor, " visible"]
-    strand: Int64[Tensor, " visible"]
-    vertex: Int64[Tensor, " visible"]
     position: Float32[Tensor, " visible"]
-    t: Float32[Tensor, " visible"]
     weight: Float32[Tensor, " visible"]
     world: Float[Tensor, "visible 3"]
+    per_strand: int
+    knots: Float[Tensor, "strand point"] | None = None
+
+    @functools.cached_property
+    def strand(self) -> Int64[Tensor, " visible"]:
+        """Index of the strand."""
+        return torch.div(self.segment, self.per_strand, rounding_mode="floor")
+
+    @functools.cached_property
+    def vertex(self) -> Int64[Tensor, " visible"]:
+        """Index, within the strand, of the point at which the segment starts."""
+        return self.segment - self.strand * self.per_strand
+
+    @functools.cached_property
+    def t(self) -> Float32[Tensor, " visible"]:
+        """Parameter on the strand as it was fitted, 0 at the root and 1 at the tip."""
+        if self.knots is None:
+            return (self.vertex + self.position) / self.per_strand
+        return _blend_ends(self.knots.float()[..., None], self.segment + self.strand, self.position)[:, 0]
 
     def __len__(self) -> int:
         return self.pixel.shape[0]
@@ -61,16 +77,11 @@ def visible_points(
     Raises:
         ValueError: the buffer's sides are not multiples of the factor.
     """
-    per_strand = points.shape[1]
-    pixel, segment, position, weight = _parts(buffer, per_strand - 1, factor)
-    strand = torch.div(segment, per_strand - 1, rounding_mode="floor")
-    vertex = segment - strand * (per_strand - 1)
-    if t is None:
-        at = (vertex + position) / (per_strand - 1)
-    else:
-        at = _blend_ends(t.float()[..., None], segment + strand, position)[:, 0]
-    world = _blend_ends(points, segment + strand, position)
-    return VisiblePoints(pixel, segment, strand, vertex, position, at, weight, world)
+    segments = points.shape[1] - 1
+    pixel, segment, position, weight = _parts(buffer, segments, factor)
+    start = segment + torch.div(segment, segments, rounding_mode="floor")
+    world = _blend_ends(points, start, position)
+    return VisiblePoints(pixel, segment, position, weight, world, segments, t)
 
 
 def interpolate_knots(
@@ -125,7 +136,7 @@ def _parts(
     found = int(end[-1])
     pixels, segments = (torch.zeros(found, dtype=torch.int64, device=device) for _ in range(2))
     positions, weights = (torch.zeros(found, dtype=torch.float32, device=device) for _ in range(2))
-    outputs = [kernels.array(plane) for plane in (end - count, pixels, segments, positions, weights)]
+    outputs = [kernels.array(plane) for plane in (count, end - count, pixels, segments, positions, weights)]
     inputs = [segment, kernels.array(buffer.position), *sizes, *outputs]
     kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
     return pixels, segments, positions, weights

@@ -1,6 +1,7 @@
 """Cameras: closed forms by hand, and round trips."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -41,6 +42,11 @@ def test_rays_pass_through_points(generator: torch.Generator):
     again, depth = camera.project(camera.position + 3.0 * rays)
     torch.testing.assert_close(again, pixels)
     assert (depth > 0).all()
+
+
+def test_planes_of_rays_are_the_rays_through_pixel_centres(generator: torch.Generator):
+    camera = replace(posed(generator), width=7, height=5)
+    torch.testing.assert_close(camera.ray_planes().permute(1, 2, 0), camera.rays(camera.pixel_centres()))
 
 
 def test_points_behind_have_negative_depth():

@@ -15,7 +15,6 @@ from neural_strands.model.compositing import (
     REACH,
     Background,
     Body,
-    BodyImage,
     SkinChange,
     SurroundConfig,
     area_mean,
@@ -24,16 +23,15 @@ from neural_strands.model.compositing import (
     near_hair,
     surrounding_odds,
 )
-from neural_strands.raster.lines import LineBuffer
+from neural_strands.raster.openings import openings
 
 SKIN = (0.6, 0.4, 0.3)
 
 
-def body_and_lines(is_body: torch.Tensor, is_hair: torch.Tensor) -> tuple[BodyImage, LineBuffer]:
-    """Skin of one colour and hair, at the resolution of lines."""
-    far = torch.full(is_body.shape, torch.inf)
-    body = BodyImage(is_body[..., None] * torch.tensor(SKIN), is_body.float(), far)
-    return body, LineBuffer(is_hair.long() - 1, torch.zeros(is_body.shape), far)
+def skin_between(is_body: torch.Tensor, is_hair: torch.Tensor, factor: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """What shows of skin of one colour between hair; both are given at the resolution of lines."""
+    seen = openings(torch.where(is_body, 1.0, torch.inf), is_hair.long() - 1, factor)
+    return between_lines((seen.surface > 0)[..., None] * torch.tensor(SKIN), seen)
 
 
 def test_the_centre_is_the_present_one_with_and_without_inference_mode():
@@ -43,6 +41,35 @@ def test_the_centre_is_the_present_one_with_and_without_inference_mode():
             assert background.centre_on_cpu.tolist() == [1, 2, 3]
             background.centre[0] = 4.0
             assert background.centre_on_cpu.tolist() == [4, 2, 3]
+
+
+@pytest.mark.parametrize("eye", [(1.0, 2.0, 5.0), (1.3, -1.0, 3.2), (1.0, 2.0, 40.0)])
+def test_the_background_is_where_rays_leave_its_sphere(generator, eye):
+    """Pixel by pixel: from the centre, from beside it, and from outside, where some rays miss the sphere."""
+    background = Background(torch.tensor([1.0, 2.0, 5.0]), SurroundConfig(background_texture=8))
+    with torch.no_grad():
+        background.colour.uniform_(generator=generator)
+    camera = Camera.look_at(torch.tensor(eye), torch.tensor([0.3, 2.5, -2.0]), 6.0, (11, 9))
+    found, rows, columns = background(camera), *background.colour.shape[:2]
+    rays = camera.rays(camera.pixel_centres()).double()
+    start = torch.tensor(eye, dtype=torch.float64) - background.centre.double()
+    colour, missed = background.colour.detach().double(), 0
+    for row in range(9):
+        for column in range(11):
+            ray = rays[row, column]
+            roots = (ray @ start) ** 2 - start @ start + background.radius**2
+            farthest = float(roots.sqrt() - ray @ start) if roots > 0 else -1.0
+            missed += farthest <= 0
+            x, y, z = (start + farthest * ray if farthest > 0 else ray).tolist()
+            place = (math.atan2(x, z) / (2 * math.pi) + 0.5) * columns - 0.5
+            height = (math.atan2(y, math.hypot(x, z)) / math.pi + 0.5) * rows - 0.5
+            left, top = math.floor(place), math.floor(height)
+            expected = torch.zeros(3, dtype=torch.float64)
+            for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):
+                weight = (1 - abs(place - left - dx)) * (1 - abs(height - top - dy))
+                expected += weight * colour[min(max(top + dy, 0), rows - 1), (left + dx) % columns]
+            torch.testing.assert_close(found[row, column].double(), expected, rtol=0, atol=1e-4)
+    assert (missed > 0) == (eye[2] > 15)
 
 
 def test_hair_is_near_its_strands_alone():
@@ -156,7 +183,7 @@ def test_area_means_are_those_of_every_square(generator, factor, channels):
 def test_what_lies_between_lines_is_the_mean_over_open_line_pixels(generator, factor):
     height, width = 4, 5
     is_body, is_hair = torch.rand(2, factor * height, factor * width, generator=generator) > 0.5
-    share, colour = between_lines(*body_and_lines(is_body, is_hair), factor)
+    share, colour = skin_between(is_body, is_hair, factor)
 
     def square(row, column):
         """Line pixels of one pixel: whether each is open, and whether it is body."""
@@ -184,7 +211,7 @@ def test_no_rim_of_background_runs_along_a_face_in_front_of_hair():
     """A face ends in the middle of a pixel, and hair fills all that it leaves."""
     is_body = torch.zeros(9, 24, dtype=torch.bool)
     is_body[:, :14] = True
-    share, _ = between_lines(*body_and_lines(is_body, ~is_body), 3)
+    share, _ = skin_between(is_body, ~is_body, 3)
     # The pixel that the outline crosses, and the one beside it, let face shine through; those farther off, background.
     assert share[1, :6, 0].min() > 0.7
     assert share[1, 6:, 0].max() == 0
@@ -194,7 +221,7 @@ def test_no_rim_of_background_runs_along_a_face_in_front_of_hair():
 def test_without_hair_the_body_is_as_it_was_drawn():
     is_body = torch.zeros(9, 24, dtype=torch.bool)
     is_body[:, :14] = True
-    share, colour = between_lines(*body_and_lines(is_body, torch.zeros_like(is_body)), 3)
+    share, colour = skin_between(is_body, torch.zeros_like(is_body), 3)
     plain = area_mean(is_body[..., None].float(), 3)
     assert (share - plain).abs().max() < BESIDE
     torch.testing.assert_close(colour, share * torch.tensor(SKIN))

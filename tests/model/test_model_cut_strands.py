@@ -9,8 +9,9 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.resample import resample
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.hair_model import HairModel, HairModelConfig, RenderOutput
+from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.hair_volume import hair_volume
+from neural_strands.model.outputs import RenderOutput
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.shading import ShadingConfig
 from neural_strands.model.unet import UNetConfig

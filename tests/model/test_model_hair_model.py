@@ -36,6 +36,7 @@ from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig
+from neural_strands.raster.openings import openings
 from neural_strands.raster.splat import MINIMUM_WEIGHT, splat_pyramid
 from neural_strands.scalp.roots import Roots
 
@@ -104,6 +105,20 @@ def test_any_image_size(size, supersample):
     for image in (output.rgb, output.alpha, output.hair_rgb, output.behind_rgb):
         assert image.isfinite().all()
     assert 0 <= output.alpha.min() <= output.alpha.max() <= 1
+
+
+def test_pictures_without_gradients_are_rounded_where_that_is_faster(monkeypatch):
+    """But never pictures with gradients, nor those of a model without mixed precision, from which scores come."""
+    hair, exact_hair = model(), model(mixed_precision=False)
+    pictures = {}
+    for is_faster in (False, True):
+        monkeypatch.setattr(hair_model, "has_bfloat16_matrices", lambda is_faster=is_faster: is_faster)
+        with torch.no_grad():
+            pictures[is_faster] = hair.render(stubble(hair), view()).rgb
+            exact = exact_hair.render(stubble(exact_hair), view()).rgb
+        assert torch.equal(exact, pictures[False])
+        assert torch.equal(hair.render(stubble(hair), view()).rgb, exact)
+    assert 1e-6 < (pictures[True] - pictures[False]).abs().max() < 1 / 255
 
 
 def test_pixels_far_from_hair_need_not_be_computed(monkeypatch):
@@ -252,7 +267,7 @@ def test_the_background_learns_only_beside_the_hair():
     hair, camera = model(supersample=1), view((96, 80))
     output = hair.render(stubble(hair), camera)
     alpha = output.alpha.detach()[..., None]
-    share, skin = between_lines(hair.body(camera), output.lines, 1)
+    share, skin = between_lines(hair.body(camera).colour, openings(output.body_depth, output.lines.segment, 1))
     bare = (1 - share) * (1 - alpha)
     assert (bare * (alpha > BACKGROUND_THROUGH)).max() > 0
     beside = bare * (alpha <= BACKGROUND_THROUGH)
@@ -269,7 +284,8 @@ def test_body_and_background_learn_where_they_are_told_to(generator):
     weights = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
     plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, gradient_weights=weights)
     assert torch.equal(output.rgb, plain.rgb)
-    alpha, (share, skin) = output.alpha.detach()[..., None], between_lines(hair.body(camera), output.lines, 1)
+    alpha, seen = output.alpha.detach()[..., None], openings(output.body_depth, output.lines.segment, 1)
+    share, skin = between_lines(hair.body(camera).colour, seen)
     bare = (1 - share) * weights.background[..., None]
     shown = hair.background(camera) * bare + skin * weights.body[..., None]
     learned = [hair.background.colour, hair.body.colour]

@@ -10,7 +10,7 @@ from neural_strands.model.renderer import HairRenderer
 
 
 def test_it_shows_what_the_model_shows():
-    hair = model()
+    hair = model(mixed_precision=False)
     renderer = HairRenderer.of(hair)
     assert torch.equal(renderer.strands.points, hair.decode().points)
     for camera in (view(), view((37, 29), (0.3, 0.4, 0.2))):
@@ -21,7 +21,7 @@ def test_it_shows_what_the_model_shows():
 
 
 def test_edited_strands_take_the_place_of_its_own():
-    hair = model()
+    hair = model(mixed_precision=False)
     first = HairRenderer.of(hair)
     edited = first.showing(stubble(hair))
     assert edited.light is not None
@@ -34,7 +34,7 @@ def test_edited_strands_take_the_place_of_its_own():
 
 def test_the_volume_is_that_of_the_strands_shown():
     """When half the hair is shaved off, the rest is lit as hair that stands alone, not as it was before."""
-    hair = model()
+    hair = model(mixed_precision=False)
     renderer = HairRenderer.of(hair)
     shaved = renderer.showing(renderer.strands.select(torch.arange(0, len(renderer.strands), 2)))
     assert shaved.light is not None

@@ -144,7 +144,8 @@ def test_round_trip_keeps_a_smooth_image(generator):
 
 
 @pytest.mark.parametrize(
-    ("batch", "channels", "height", "width"), [(1, 16, 40, 37), (2, 32, 9, 150), (1, 48, 2, 1), (1, 16, 70, 257)]
+    ("batch", "channels", "height", "width"),
+    [(1, 16, 40, 37), (2, 32, 9, 150), (1, 48, 2, 2), (1, 16, 70, 257), (1, 16, 3, 4), (2, 32, 5, 2)],
 )
 def test_the_kernel_of_the_cpu_gives_what_torch_gives(generator, batch, channels, height, width):
     """The bias is large, so that wrong borders would show: it does not continue outside the image."""

@@ -27,10 +27,12 @@ def test_agrees_with_a_naive_loop(generator, device, minimum_weight):
     torch.testing.assert_close(mean.cpu(), expected_mean, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("channels", [6, 23])
 @pytest.mark.parametrize(("counted", "moving"), [(False, True), (True, True), (True, False)])
-def test_kernels_and_twin_agree_in_values_and_gradients(generator, device, counted, moving):
+def test_kernels_and_twin_agree_in_values_and_gradients(generator, device, channels, counted, moving):
+    """Also for as many channels as a hair model has, for which the CPU has a kernel of its own."""
     pixels = (torch.rand(400, 2, generator=generator) * 40 - 4).to(device).requires_grad_(moving)
-    features = torch.randn(400, 6, generator=generator).to(device).requires_grad_()
+    features = torch.randn(400, channels, generator=generator).to(device).requires_grad_()
     size, levels, minimum_weight = (31, 33), 4, 0.3
     amounts = torch.randint(0, 5, (400,), generator=generator).float().to(device) if counted else None
     maps = splat_pyramid(pixels, features, size, levels, minimum_weight, amounts)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from neural_strands.editing.edit_list import HairMotion
     from neural_strands.geometry.cameras import Camera
     from neural_strands.geometry.strands import Strands
-    from neural_strands.model.hair_model import RenderOutput
+    from neural_strands.model.outputs import RenderOutput
     from neural_strands.model.renderer import HairRenderer
     from neural_strands.runs.edited import EditedHair
 

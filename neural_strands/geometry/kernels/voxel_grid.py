@@ -163,13 +163,15 @@ def sample_kernel(
     if zero_outside != 0 and not within(raw, shape):
         return
     cell = cell_about(nearest_place(raw, shape), shape)
-    for k in range(8):
-        x = k // 4
-        y = (k // 2) % 2
-        z = k % 2
-        weight = wp.where(x == 1, cell.ahead[0], 1.0 - cell.ahead[0])
-        weight *= wp.where(y == 1, cell.ahead[1], 1.0 - cell.ahead[1])
-        weight *= wp.where(z == 1, cell.ahead[2], 1.0 - cell.ahead[2])
-        index = ((cell.corner[0] + x) * shape[1] + cell.corner[1] + y) * shape[2] + cell.corner[2] + z
-        for channel in range(values.shape[1]):
-            sampled[i, channel] += weight * values[index, channel]
+    first = (cell.corner[0] * shape[1] + cell.corner[1]) * shape[2] + cell.corner[2]
+    for channel in range(values.shape[1]):
+        total = wp.float32(0.0)
+        for k in range(8):
+            x = k // 4
+            y = (k // 2) % 2
+            z = k % 2
+            weight = wp.where(x == 1, cell.ahead[0], 1.0 - cell.ahead[0])
+            weight *= wp.where(y == 1, cell.ahead[1], 1.0 - cell.ahead[1])
+            weight *= wp.where(z == 1, cell.ahead[2], 1.0 - cell.ahead[2])
+            total += weight * values[first + (x * shape[1] + y) * shape[2] + z, channel]
+        sampled[i, channel] = total

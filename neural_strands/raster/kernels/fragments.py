@@ -28,19 +28,19 @@ def part_of(segment: int, per_strand: int) -> wp.vec2i:
 
 @wp.func
 @no_type_check
-def is_first(segment: wp.array2d[wp.int64], top: int, left: int, k: int, factor: int, part: wp.vec2i) -> bool:
-    """Whether none of an image pixel's line pixels before the k-th sees this part."""
+def is_first(segment: wp.array2d[wp.int64], row: int, column: int, top: int, factor: int, part: wp.vec2i) -> bool:
+    """Whether none of an image pixel's line pixels before this one sees this part; `top` is the pixel's first row."""
+    left = column // factor * factor
     # Search backwards: the nearest pixels are the most likely to see the same part.
-    row = k // factor
-    column = k - row * factor - 1
-    while row >= 0:
-        while column >= 0:
-            seen = int(segment[top + row, left + column])
+    before = column - 1
+    while row >= top:
+        while before >= left:
+            seen = int(segment[row, before])
             if seen >= part[0] and seen <= part[1]:
                 return False
-            column -= 1
+            before -= 1
         row -= 1
-        column = factor - 1
+        before = left + factor - 1
     return True
 
 
@@ -54,10 +54,12 @@ def count_parts(
     top = pixel // width * factor
     left = pixel % width * factor
     found = wp.int32(0)
-    for k in range(factor * factor):
-        here = int(segment[top + k // factor, left + k % factor])
-        if here >= 0 and is_first(segment, top, left, k, factor, part_of(here, per_strand)):
-            found += 1
+    # Most pixels see no hair; a division to find each line pixel would take longer than all else.
+    for row in range(top, top + factor):
+        for column in range(left, left + factor):
+            here = int(segment[row, column])
+            if here >= 0 and is_first(segment, row, column, top, factor, part_of(here, per_strand)):
+                found += 1
     count[pixel] = found
 
 
@@ -70,34 +72,44 @@ def gather_parts(
     width: int,
     factor: int,
     per_strand: int,
+    counts: wp.array[int],
     places: wp.array[int],
     pixels: wp.array[wp.int64],
     segments: wp.array[wp.int64],
     positions: wp.array[float],
     weights: wp.array[float],
 ) -> None:
-    """List the parts that an image pixel sees, with their mean point and the number of line pixels that see them."""
+    """List the parts that an image pixel sees, with their mean point and the number of line pixels that see them.
+
+    Until all line pixels have been seen, `segments` and `pixels` hold the first and last segment of a part, and
+    `positions` the sum of positions.
+    """
     pixel = start + wp.tid()
+    if counts[pixel] == 0:
+        return
     top = pixel // width * factor
     left = pixel % width * factor
-    place = places[pixel]
-    for k in range(factor * factor):
-        here = int(segment[top + k // factor, left + k % factor])
-        if here >= 0:
-            part = part_of(here, per_strand)
-            if is_first(segment, top, left, k, factor, part):
-                total = wp.float32(0.0)
-                weight = wp.float32(0.0)
-                for row in range(k // factor, factor):
-                    for column in range(factor):
-                        seen = int(segment[top + row, left + column])
-                        if seen >= part[0] and seen <= part[1]:
-                            total += float(seen - part[0]) + position[top + row, left + column]
-                            weight += 1.0
-                along = total / weight
-                whole = wp.min(int(along), part[1] - part[0])
-                pixels[place] = wp.int64(pixel)
-                segments[place] = wp.int64(part[0] + whole)
-                positions[place] = along - float(whole)
-                weights[place] = weight
-                place += 1
+    begin = places[pixel]
+    end = begin
+    for row in range(top, top + factor):
+        for column in range(left, left + factor):
+            here = segment[row, column]
+            if here >= wp.int64(0):
+                # The part that was found last is the most likely to be seen again.
+                place = end - 1
+                while place >= begin and (here < segments[place] or here > pixels[place]):
+                    place -= 1
+                if place < begin:
+                    part = part_of(int(here), per_strand)
+                    place = end
+                    end += 1
+                    segments[place] = wp.int64(part[0])
+                    pixels[place] = wp.int64(part[1])
+                positions[place] = positions[place] + (float(here - segments[place]) + position[row, column])
+                weights[place] = weights[place] + 1.0
+    for place in range(begin, end):
+        along = positions[place] / weights[place]
+        whole = wp.min(int(along), int(pixels[place] - segments[place]))
+        segments[place] = segments[place] + wp.int64(whole)
+        positions[place] = along - float(whole)
+        pixels[place] = wp.int64(pixel)

@@ -9,9 +9,13 @@ not type-checked.
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 # pyright: reportAttributeAccessIssue=false
 
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
+
+ROW = 24
+"""Channels of one vector that holds all channels of a point: those of a hair model by default, rounded up to fours."""
+Row = wp.types.vector(length=ROW, dtype=wp.float32)
 
 
 @wp.func
@@ -21,6 +25,39 @@ def corner_weight(fraction: float, side: int) -> float:
     if side == 0:
         return 1.0 - fraction
     return fraction
+
+
+@wp.func
+@no_type_check
+def add_to_neighbours(
+    position: wp.vec2,
+    amount: float,
+    features: wp.array2d[Any],
+    point: int,
+    groups: wp.vec2i,
+    width: int,
+    rows: wp.vec2i,
+    sums: wp.array2d[Any],
+    weights: wp.array[float],
+) -> None:
+    """Add the vectors [groups[0], groups[1]) of a point to its four neighbours among the rows [rows[0], rows[1])."""
+    x = position[0] - 0.5
+    y = position[1] - 0.5
+    if not (x > -1.0 and x < float(width) and y > float(rows[0]) - 1.0 and y < float(rows[1])):
+        return
+    column = int(wp.floor(x))
+    row = int(wp.floor(y))
+    for corner in range(4):
+        u = column + corner % 2
+        v = row + corner // 2
+        weight = corner_weight(x - float(column), corner % 2) * corner_weight(y - float(row), corner // 2)
+        weight *= amount
+        if u >= 0 and u < width and v >= rows[0] and v < rows[1] and weight > 0.0:
+            cell = v * width + u
+            if groups[0] == 0:
+                wp.atomic_add(weights, cell, weight)
+            for group in range(groups[0], groups[1]):
+                wp.atomic_add(sums, cell, group, weight * features[point, group])
 
 
 @wp.kernel(enable_backward=False)
@@ -43,24 +80,29 @@ def accumulate(
     blocks = wp.max((quads + quads_per_item - 1) // quads_per_item, 1)
     point = item // blocks
     first = (item - point * blocks) * quads_per_item
-    last = wp.min(first + quads_per_item, quads)
-    x = pixels[point][0] * scale - 0.5
-    y = pixels[point][1] * scale - 0.5
-    if not (x > -1.0 and x < float(width) and y > float(first_row) - 1.0 and y < float(last_row)):
-        return
-    column = int(wp.floor(x))
-    row = int(wp.floor(y))
-    for corner in range(4):
-        u = column + corner % 2
-        v = row + corner // 2
-        weight = corner_weight(x - float(column), corner % 2) * corner_weight(y - float(row), corner // 2)
-        weight *= amounts[point]
-        if u >= 0 and u < width and v >= first_row and v < last_row and weight > 0.0:
-            cell = v * width + u
-            if first == 0:
-                wp.atomic_add(weights, cell, weight)
-            for quad in range(first, last):
-                wp.atomic_add(sums, cell, quad, weight * features[point, quad])
+    groups = wp.vec2i(first, wp.min(first + quads_per_item, quads))
+    rows = wp.vec2i(first_row, last_row)
+    add_to_neighbours(scale * pixels[point], amounts[point], features, point, groups, width, rows, sums, weights)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def accumulate_rows(
+    pixels: wp.array[wp.vec2],
+    amounts: wp.array[float],
+    features: wp.array2d[Row],
+    scale: float,
+    width: int,
+    first_row: int,
+    last_row: int,
+    sums: wp.array2d[Row],
+    weights: wp.array[float],
+) -> None:
+    """`accumulate` with all channels of a point in one vector; for the CPU."""
+    point = wp.tid()
+    groups = wp.vec2i(0, 1)
+    rows = wp.vec2i(first_row, last_row)
+    add_to_neighbours(scale * pixels[point], amounts[point], features, point, groups, width, rows, sums, weights)
 
 
 @wp.kernel(enable_backward=False)

@@ -1,5 +1,7 @@
 """Warp kernels of the triangle rasteriser (see `triangles` for the rule they follow).
 
+All but the first take vertices in homogeneous pixels.
+
 Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
 not type-checked.
 """
@@ -19,13 +21,16 @@ LANES = wp.constant(16)
 """Neighbouring pixels that the CPU tests together."""
 
 
-@wp.func
+@wp.kernel(enable_backward=False)
 @no_type_check
-def corner(projection: wp.mat44, vertices: wp.array[wp.vec3], faces: wp.array[wp.vec3i], face: int, k: int) -> wp.vec3:
-    """One corner of a face in homogeneous pixels (x * depth, y * depth, depth)."""
-    point = vertices[faces[face][k]]
-    moved = projection @ wp.vec4(point[0], point[1], point[2], 1.0)
-    return wp.vec3(moved[0], moved[1], moved[2])
+def project_vertices(
+    first: int, vertices: wp.array[wp.vec3], projections: wp.array[wp.mat44], projected: wp.array[wp.vec3]
+) -> None:
+    """One vertex in homogeneous pixels (x * depth, y * depth, depth)."""
+    vertex = first + wp.tid()
+    point = vertices[vertex]
+    moved = projections[0] @ wp.vec4(point[0], point[1], point[2], 1.0)
+    projected[vertex] = wp.vec3(moved[0], moved[1], moved[2])
 
 
 @wp.func
@@ -91,7 +96,6 @@ def weights_at(a: wp.vec3, b: wp.vec3, c: wp.vec3, x: float, y: float) -> wp.vec
 def draw_triangles(
     vertices: wp.array[wp.vec3],
     faces: wp.array[wp.vec3i],
-    projections: wp.array[wp.mat44],
     near: float,
     width: int,
     first_row: int,
@@ -102,9 +106,9 @@ def draw_triangles(
     """Draw every `stripes`-th row of one face among the rows [first_row, last_row); for CUDA."""
     item = wp.tid()
     face = item // stripes
-    a = corner(projections[0], vertices, faces, face, 0)
-    b = corner(projections[0], vertices, faces, face, 1)
-    c = corner(projections[0], vertices, faces, face, 2)
+    a = vertices[faces[face][0]]
+    b = vertices[faces[face][1]]
+    c = vertices[faces[face][2]]
     box = pixel_box(a, b, c, near, width, first_row, last_row)
     for row in range(box[2] + item - face * stripes, box[3], stripes):
         for column in range(box[0], box[1]):
@@ -127,7 +131,6 @@ def draw_triangles(
 def draw_triangles_in_lanes(
     vertices: wp.array[wp.vec3],
     faces: wp.array[wp.vec3i],
-    projections: wp.array[wp.mat44],
     near: float,
     width: int,
     first_row: int,
@@ -139,9 +142,9 @@ def draw_triangles_in_lanes(
     Neighbouring pixels are tested together, without branches, in a loop that the compiler vectorises.
     """
     face = wp.tid()
-    a = corner(projections[0], vertices, faces, face, 0)
-    b = corner(projections[0], vertices, faces, face, 1)
-    c = corner(projections[0], vertices, faces, face, 2)
+    a = vertices[faces[face][0]]
+    b = vertices[faces[face][1]]
+    c = vertices[faces[face][2]]
     box = pixel_box(a, b, c, near, width, first_row, last_row)
     depths = wp.zeros(shape=(LANES,), dtype=int)
     for row in range(box[2], box[3]):
@@ -169,31 +172,38 @@ def draw_triangles_in_lanes(
 
 @wp.kernel(enable_backward=False)
 @no_type_check
-def resolve_triangles(
+def resolve_depths(first: int, keys: wp.array[wp.int64], depth: wp.array[float]) -> None:
+    """The depth of a pixel's key, which is infinite where nothing has been drawn."""
+    pixel = first + wp.tid()
+    depth[pixel] = key_depth(keys[pixel])
+
+
+@wp.func
+@no_type_check
+def pixel_weights(a: wp.vec3, b: wp.vec3, c: wp.vec3, row: int, column: int) -> wp.vec3:
+    """Barycentric coordinates of a pixel's centre, from corners in homogeneous pixels; never negative."""
+    weights = weights_at(a, b, c, float(column) + 0.5, float(row) + 0.5)
+    weights = weights / (weights[0] + weights[1] + weights[2])
+    weights = wp.max(weights, wp.vec3(0.0, 0.0, 0.0))
+    return weights / (weights[0] + weights[1] + weights[2])
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def resolve_weights(
     first: int,
     keys: wp.array[wp.int64],
     vertices: wp.array[wp.vec3],
     faces: wp.array[wp.vec3i],
-    projections: wp.array[wp.mat44],
     width: int,
-    face: wp.array[wp.int64],
     barycentric: wp.array[wp.vec3],
-    depth: wp.array[float],
 ) -> None:
-    """Recover a pixel's face, depth and barycentric coordinates from its key."""
+    """Recover a pixel's barycentric coordinates from its key; the output holds zeros at the start."""
     pixel = first + wp.tid()
-    key = keys[pixel]
-    index = key_index(key)
-    face[pixel] = index
-    if index < wp.int64(0):
-        depth[pixel] = wp.inf
-        return
-    depth[pixel] = key_depth(key)
-    a = corner(projections[0], vertices, faces, int(index), 0)
-    b = corner(projections[0], vertices, faces, int(index), 1)
-    c = corner(projections[0], vertices, faces, int(index), 2)
-    row = pixel // width
-    weights = weights_at(a, b, c, float(pixel - row * width) + 0.5, float(row) + 0.5)
-    weights = weights / (weights[0] + weights[1] + weights[2])
-    weights = wp.max(weights, wp.vec3(0.0, 0.0, 0.0))
-    barycentric[pixel] = weights / (weights[0] + weights[1] + weights[2])
+    index = int(key_index(keys[pixel]))
+    if index >= 0:
+        a = vertices[faces[index][0]]
+        b = vertices[faces[index][1]]
+        c = vertices[faces[index][2]]
+        row = pixel // width
+        barycentric[pixel] = pixel_weights(a, b, c, row, pixel - row * width)
