@@ -6,6 +6,7 @@ from typing import Annotated, Literal, get_args
 
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY
 from neural_strands.fitting.losses import ChamferConfig
+from neural_strands.fitting.noise import NoiseConfig
 from neural_strands.fitting.photographs.streak_loss import StreakConfig
 from neural_strands.fitting.photographs.trimap import TrimapConfig
 from neural_strands.fitting.schedule import ScheduleConfig
@@ -137,6 +138,8 @@ class FitConfig:
     stereo: LmvsConfig = field(default_factory=lambda: LmvsConfig(confirming=1.4, complete="never"))
     """Line-based stereo, if no segments are given. Guessed segments would mislead the flow through which the initial
     strands are traced; lines confirmed by little more than one other view are rarely wrong, and the flow needs them."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """When the stereo runs again because noise hides the streaks of straight hair."""
     growth: GrowthConfig = field(default_factory=GrowthConfig)
     """Signing those segments from root to tip."""
     initial: InitialConfig = field(default_factory=InitialConfig)

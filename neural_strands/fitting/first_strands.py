@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from neural_strands.fitting.curls.curl_search import curl_strands, find_curls
+from neural_strands.fitting.curls.curl_search import FoundCurls, curl_strands, find_curls
 from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_masks, hair_room
 from neural_strands.flow.hull import HullConfig, hairy_points
 from neural_strands.flow.tracing import TracedStrands, trace_hair
@@ -83,16 +83,41 @@ def trace_first_strands(
         distance: signed distance to the head.
         say: tells the user what kind of curls were found.
     """
-    room = hair_room(segments, views, head.mesh, roots.position, config, distance)
-    flow = hair_flow(room, segments, roots.position, roots.normal, config)
-    plain = trace_hair(flow, roots.position, roots.normal, config.trace)
-    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config)
+    plain, found = trace_straight(head, segments, views, roots, config, distance)
     if found is None:
         return plain
     curl = found.curl
     kind, turn = {1: ("curly", "right-handed"), -1: ("curly", "left-handed"), 0: ("wavy", "either way")}[curl.turn]
     say(f"{kind} hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {turn}")
     return curl_strands(found, roots.position, roots.normal, distance, config)
+
+
+def trace_straight(
+    head: Head,
+    segments: LineSegments,
+    views: Views,
+    roots: Roots,
+    config: InitialConfig,
+    distance: SignedDistanceGrid | None = None,
+) -> tuple[TracedStrands, FoundCurls | None]:
+    """Trace a strand from every root along the segments as they are, and find out whether the hair is curly.
+
+    Args:
+        head: mesh and chart, on the device of the segments.
+        segments: line segments of the hair, signed from root to tip.
+        views: the views from which the segments were reconstructed.
+        roots: where strands start.
+        config: settings of the initial strands.
+        distance: signed distance to the head, if the caller has sampled it already; only saves time.
+
+    Returns:
+        The strands; and the curls or waves that the photographs show, None for straight hair.
+    """
+    room = hair_room(segments, views, head.mesh, roots.position, config, distance)
+    flow = hair_flow(room, segments, roots.position, roots.normal, config)
+    plain = trace_hair(flow, roots.position, roots.normal, config.trace)
+    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config)
+    return plain, found
 
 
 def texture_from_latents(

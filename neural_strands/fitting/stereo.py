@@ -1,7 +1,7 @@
 """Line segments of a capture by line-based multi-view stereo, and a check of segments from a file."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import torch
@@ -9,12 +9,18 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import held_out_views
 from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.first_strands import hair_roots, trace_straight
+from neural_strands.fitting.noise import noisy
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.views import Views
 from neural_strands.lmvs.files import SegmentsSource
 from neural_strands.lmvs.growth import orient_segments
-from neural_strands.lmvs.reconstruct import reconstruct
+from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
 from neural_strands.scalp.head import Head
+
+WIDE = "wide"
+"""Folder, in that of the stereo, of the views matched with the wide window."""
 
 
 def find_segments(
@@ -27,6 +33,8 @@ def find_segments(
 ) -> LineSegments:
     """Reconstruct segments from these views, signed from root to tip, on the CPU.
 
+    If noise hides the streaks of straight hair, the stereo runs a second time with a wide window (see `noise`).
+
     Args:
         capture: the views that may be used.
         head: the head in the cameras' frame; hair grows away from its scalp, not from its shoulders.
@@ -35,16 +43,53 @@ def find_segments(
         track: shows progress of a loop.
         device: device of the stereo; growth directions are computed on the CPU.
     """
-    random = torch.Generator().manual_seed(config.seed)
     views = capture.views_on(device)
-    found = reconstruct(views, head.mesh.to(device), config.stereo, random, work, track).to("cpu")
+    there = head.to(device)
+    found = _segments(views, there, config, config.stereo, work, track)
+    if not noisy(views, config.stereo.orientation, config.noise) or not _straight(views, there, config, found):
+        return found
+    wide = replace(config.stereo.orientation, window=config.noise.window)
+
+    def track_again(items: Iterable, title: str, total: int) -> Iterable:
+        return track(items, f"{title}, noisy photographs of straight hair", total)
+
+    stereo = replace(config.stereo, orientation=wide)
+    return _segments(views, there, config, stereo, None if work is None else work / WIDE, track_again)
+
+
+def _segments(
+    views: Views,
+    head: Head,
+    config: FitConfig,
+    stereo: LmvsConfig,
+    work: Path | None,
+    track: Callable[[Iterable, str, int], Iterable],
+) -> LineSegments:
+    """Segments, signed from root to tip, on the CPU."""
+    random = torch.Generator().manual_seed(config.seed)
+    found = reconstruct(views, head.mesh, stereo, random, work, track).to("cpu")
+    head = head.to("cpu")
     return orient_segments(found, head.mesh, head.scalp_faces, [], config.growth)
+
+
+def _straight(views: Views, head: Head, config: FitConfig, segments: LineSegments) -> bool:
+    """Whether the hair shows neither curls nor waves."""
+    if not len(segments.points):
+        return True
+    device, random = head.mesh.vertices.device, torch.Generator().manual_seed(config.seed)
+    roots = hair_roots(head, config.strands, views, config.initial.hull, random).to(device)
+    return trace_straight(head, segments.to(device), views, roots, config.initial)[1] is None
 
 
 def segments_source(capture: Capture, config: FitConfig) -> SegmentsSource:
     """Views and settings from which `find_segments` makes segments, to be stored with them."""
     names = tuple(camera.name for camera in capture.cameras)
-    settings = {"stereo": asdict(config.stereo), "growth": asdict(config.growth), "seed": config.seed}
+    settings = {
+        "stereo": asdict(config.stereo),
+        "noise": asdict(config.noise),
+        "growth": asdict(config.growth),
+        "seed": config.seed,
+    }
     return SegmentsSource(names, settings)
 
 
