@@ -11,7 +11,6 @@ from neural_strands.capture.head import find_head
 from neural_strands.fitting import stereo as stereo_module
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.stereo import find_segments
-from neural_strands.flow.curls import CurlConfig
 
 CONFIG = FitConfig(strands=200)
 
@@ -56,7 +55,7 @@ def test_the_window_is_all_that_changes(capture: Capture, monkeypatch: pytest.Mo
     used, found = [], true_segments(combed_strands(60))
     monkeypatch.setattr(stereo_module, "reconstruct", lambda *given: used.append(given[2]) or found)
     monkeypatch.setattr(stereo_module, "noisy", lambda *_: True)
-    config = replace(CONFIG, initial=replace(CONFIG.initial, curls=CurlConfig(find=False)))
-    find_segments(capture, find_head(capture, None), config, None, lambda items, *_: items)
+    monkeypatch.setattr(stereo_module, "trace_straight", lambda *_: (None, None))
+    find_segments(capture, find_head(capture, None), CONFIG, None, lambda items, *_: items)
     narrow, wide = used
-    assert wide == replace(narrow, orientation=replace(narrow.orientation, window=config.noise.window))
+    assert wide == replace(narrow, orientation=replace(narrow.orientation, window=CONFIG.noise.window))
