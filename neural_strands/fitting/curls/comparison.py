@@ -13,7 +13,7 @@ from neural_strands.fitting.curls.streaks import Course, Texture, course_of, dra
 from neural_strands.flow.curls import Curl, CurlConfig, Locks, curled
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import Views
-from neural_strands.lmvs.orientation import OrientationConfig, luma
+from neural_strands.lmvs.orientation import OrientationConfig, luma, orientation_map
 
 MOST_STRANDS = 5000
 """Largest number of strands that are drawn."""
@@ -28,6 +28,12 @@ PITCHES = (0.012, 0.0155, 0.02, 0.024, 0.028, 0.034, 0.04, 0.05)
 FOR_SIZE, FOR_CURLINESS = 1.0, 0.25
 """Weight of the repetition of textures against their lean: for the size of curls, and for whether there are any. Curls
 of several sizes may have the same lean, but noise hides how they repeat."""
+NOISY = 0.1
+"""Photographs whose hair has a lower confidence of orientation are noisy; pure noise has 0.07."""
+MOST_NOISE, BISECTIONS = 4.0, 8
+"""Largest noise of drawings, and steps of the search for it."""
+HAIR = 0.5
+"""Coverage above which a pixel is hair."""
 WAVE_ROUNDNESS = 0.5
 """Roundness of waves."""
 
@@ -69,11 +75,24 @@ class Comparison:
         courses = [course_of(axes, camera) for camera in photographs.cameras]
         return cls(photographs, axes, courses, _texture(photographs.brightness, photographs, courses))
 
-    def of(self, strands: Float[Tensor, "strand point 3"]) -> Texture:
-        """Texture of drawn strands relative to the same course."""
-        random = torch.Generator().manual_seed(0)
-        drawn = [drawn_hair(strands, camera, random) for camera in self.photographs.cameras]
-        return _texture(drawn, self.photographs, self.courses)
+    def of(self, strands: Float[Tensor, "strand point 3"], noise: float = 0.0) -> Texture:
+        """Texture of drawn strands relative to the same course, in noise of this standard deviation."""
+        return _texture(_drawn(strands, self.photographs.cameras, noise), self.photographs, self.courses)
+
+    def noise(self) -> float:
+        """Noise in which the axes, drawn, have streaks as clear as the photographs'; 0 if these are not noisy.
+
+        It is a standard deviation, in units of the brightness of drawn hair in full light.
+        """
+        wanted = _clearness(self.photographs.brightness, self.photographs)
+        if wanted >= NOISY:
+            return 0.0
+        low, high = 0.0, MOST_NOISE
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            clear = _clearness(_drawn(self.axes, self.photographs.cameras, middle), self.photographs)
+            low, high = (middle, high) if clear > wanted else (low, middle)
+        return high
 
 
 @dataclass(frozen=True)
@@ -153,3 +172,22 @@ def _texture(
 ) -> Texture:
     """Texture of pictures from the cameras of the photographs."""
     return texture_of(pictures, seen.masks, courses, seen.cameras, OrientationConfig())
+
+
+def _clearness(pictures: Sequence[Float[Tensor, "height width"]], seen: Photographs) -> float:
+    """Mean over pictures of the median confidence of the hair's orientation; 1 without hair."""
+    clear = [
+        orientation_map(picture, OrientationConfig()).confidence[mask > HAIR].median()
+        for picture, mask in zip(pictures, seen.masks, strict=True)
+        if bool((mask > HAIR).any())
+    ]
+    return float(torch.stack(clear).mean()) if clear else 1.0
+
+
+def _drawn(
+    strands: Float[Tensor, "strand point 3"], cameras: Sequence[Camera], noise: float
+) -> list[Float[Tensor, "height width"]]:
+    """Drawn strands in noise."""
+    random, grain = torch.Generator().manual_seed(0), torch.Generator().manual_seed(1)
+    pictures = [drawn_hair(strands, camera, random) for camera in cameras]
+    return [picture + noise * torch.randn(picture.shape, generator=grain).to(picture) for picture in pictures]

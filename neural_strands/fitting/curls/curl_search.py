@@ -41,6 +41,8 @@ ALIKE = 0.15
 """Textures that differ by less than this are alike."""
 WAVY = 0.25
 """Hair may be wavy if more of its streaks than this lean otherwise than those of strands along the segments."""
+WAVY_IN_NOISE = 0.175
+"""The same where photographs are noisy, and strands along the segments are drawn in as much noise."""
 USUAL_PITCH = 0.034
 """Length of a wave where the photographs do not tell it, metres."""
 CLEARLY = 0.6
@@ -121,6 +123,10 @@ def _find_waves(
     seen = comparison.seen
     plainly = straight.lean_difference(seen)
     if plainly < WAVY:
+        return None
+    noise = comparison.noise()
+    if noise > 0 and comparison.of(comparison.axes, noise).lean_difference(seen) < WAVY_IN_NOISE:
+        # Noise turns streaks to either side, as waves do.
         return None
     drawn = closest_curl(comparison, normals, 0, config)
     if drawn.texture.repetition_difference(seen) > straight.repetition_difference(seen):

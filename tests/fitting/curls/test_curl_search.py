@@ -10,7 +10,8 @@ from tiny_capture import RADIUS, ball, write_capture
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
-from neural_strands.fitting.curls.curl_search import curl_strands, find_curls
+from neural_strands.fitting.curls.comparison import Comparison, photographs
+from neural_strands.fitting.curls.curl_search import WAVY_IN_NOISE, curl_strands, find_curls
 from neural_strands.fitting.curls.helices import lean_off_gravity, leaning_segments
 from neural_strands.fitting.curls.streaks import drawn_hair
 from neural_strands.fitting.first_strands import trace_first_strands
@@ -193,6 +194,39 @@ def test_straight_hair_has_no_curls():
         find_curls(room, straight.segments, straight.views, straight.plain(room), straight.normals, SCALP, CONFIG)
         is None
     )
+
+
+def in_noise(strands: torch.Tensor, axes: torch.Tensor, noise: float) -> Comparison:
+    """Drawn strands in noise, in place of photographs, compared with axes."""
+    clear = photographs(Photographed(strands).views)
+    random, grain = torch.Generator().manual_seed(7), torch.Generator().manual_seed(8)
+    noisy = [
+        drawn_hair(strands, camera, random) + noise * torch.randn(SIDE, SIDE, generator=grain)
+        for camera in clear.cameras
+    ]
+    return Comparison.along(axes, replace(clear, brightness=noisy))
+
+
+@pytest.mark.slow(seconds=30)
+def test_noise_is_measured_and_does_not_count_as_waves():
+    axes = hanging_axes(3000)
+    for noise, expected in ((0.05, 0.0), (0.25, 0.25)):
+        comparison = in_noise(axes, axes, noise)
+        found = comparison.noise()
+        assert found == pytest.approx(expected, rel=0.2)
+        assert comparison.of(axes, found).lean_difference(comparison.seen) < WAVY_IN_NOISE
+
+
+@pytest.mark.slow(seconds=30)
+def test_waves_are_told_from_noise():
+    axes, waves = hanging_axes(3000), Curl(0.004, 0.04, 0, 0.5)
+    normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
+    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
+    wavy = curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), waves, distance)
+    comparison = in_noise(wavy, axes, 0.25)
+    noise = comparison.noise()
+    assert noise > 0
+    assert comparison.of(axes, noise).lean_difference(comparison.seen) > WAVY_IN_NOISE
 
 
 @pytest.mark.slow(seconds=60)
