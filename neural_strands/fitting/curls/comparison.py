@@ -28,8 +28,9 @@ PITCHES = (0.012, 0.0155, 0.02, 0.024, 0.028, 0.034, 0.04, 0.05)
 FOR_SIZE, FOR_CURLINESS = 1.0, 0.25
 """Weight of the repetition of textures against their lean: for the size of curls, and for whether there are any. Curls
 of several sizes may have the same lean, but noise hides how they repeat."""
-NOISY = 0.1
-"""Photographs whose hair has a lower confidence of orientation are noisy; pure noise has 0.07."""
+NOISY, BURIED = 0.1, 0.075
+"""Photographs whose hair has a confidence of orientation between these are noisy. Pure noise has 0.07, and near that
+the amount of noise cannot be told."""
 MOST_NOISE, BISECTIONS = 4.0, 8
 """Largest noise of drawings, and steps of the search for it."""
 HAIR = 0.5
@@ -80,12 +81,13 @@ class Comparison:
         return _texture(_drawn(strands, self.photographs.cameras, noise), self.photographs, self.courses)
 
     def noise(self) -> float:
-        """Noise in which the axes, drawn, have streaks as clear as the photographs'; 0 if these are not noisy.
+        """Noise in which the axes, drawn, have streaks as clear as the photographs'.
 
-        It is a standard deviation, in units of the brightness of drawn hair in full light.
+        It is 0 if these are not noisy, or if noise hides all of their streaks. Otherwise it is a standard deviation, in
+        units of the brightness of drawn hair in full light.
         """
         wanted = _clearness(self.photographs.brightness, self.photographs)
-        if wanted >= NOISY:
+        if not BURIED < wanted < NOISY:
             return 0.0
         low, high = 0.0, MOST_NOISE
         for _ in range(BISECTIONS):

@@ -41,8 +41,9 @@ ALIKE = 0.15
 """Textures that differ by less than this are alike."""
 WAVY = 0.25
 """Hair may be wavy if more of its streaks than this lean otherwise than those of strands along the segments."""
-WAVY_IN_NOISE = 0.175
-"""The same where photographs are noisy, and strands along the segments are drawn in as much noise."""
+OF_NOISE = 0.5
+"""If strands along the segments, drawn in as much noise as the photographs have, leave less than this share of the
+difference, noise explains most of it, and not waves."""
 USUAL_PITCH = 0.034
 """Length of a wave where the photographs do not tell it, metres."""
 CLEARLY = 0.6
@@ -125,7 +126,7 @@ def _find_waves(
     if plainly < WAVY:
         return None
     noise = comparison.noise()
-    if noise > 0 and comparison.of(comparison.axes, noise).lean_difference(seen) < WAVY_IN_NOISE:
+    if noise > 0 and comparison.of(comparison.axes, noise).lean_difference(seen) < OF_NOISE * plainly:
         # Noise turns streaks to either side, as waves do.
         return None
     drawn = closest_curl(comparison, normals, 0, config)
