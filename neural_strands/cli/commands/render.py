@@ -87,8 +87,7 @@ class Render:
             motion = hair_motion(replace(opened.hair, strands=strands), opened.edits)
             frames = _frames(self._renderer(opened, strands), cameras, motion)
             count = len(cameras) if motion is None else motion.wind.frames
-            fps = self.fps if motion is None else motion.wind.fps
-            with self._writer(cameras[0], fps, count) as write:
+            with self._writer(cameras[0], self.fps if motion is None else motion.wind.fps) as write:
                 for name, output in track(frames, "rendering", total=count):
                     write(name, self._frame(output))
         result = {
@@ -166,7 +165,7 @@ class Render:
         return to_bytes(output.cutout if self.alpha else output.rgb)
 
     @contextmanager
-    def _writer(self, first: "Camera", fps: float, frames: int) -> "Iterator[Callable[[str, np.ndarray], None]]":
+    def _writer(self, first: "Camera", fps: float) -> "Iterator[Callable[[str, np.ndarray], None]]":
         """A function that takes the frames one by one, and puts them where `out` says."""
         from neural_strands.pictures.encoding import write_png
         from neural_strands.pictures.video import video_writer
@@ -177,7 +176,7 @@ class Render:
             def write_image(name: str, frame: "np.ndarray") -> None:
                 if not taken:
                     # Before the first image, so that those of a stopped rendering can be replaced, too.
-                    write_json(self.out / RECORD, {"format": FORMAT, "frames": frames})
+                    write_json(self.out / RECORD, {"format": FORMAT})
                 write_png(self.out / picture_name(name, taken), frame)
 
             yield write_image

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from neural_strands.cli.device import DeviceName, pick_device
-from neural_strands.foundation.errors import InputError
 from neural_strands.viewer.server import LOOPBACK, start_server, stop_server
 
 if TYPE_CHECKING:
@@ -39,14 +38,15 @@ class View:
 
     def run(self) -> None:
         """Serve the page until Ctrl-C."""
-        if not self.path.exists() and not self.wait:
-            raise InputError(f"{self.path}: expected a run, a groom or a capture, found nothing; check the path.")
+        if not self.wait:
+            from neural_strands.viewer.open_scene import kind_of
+
+            kind_of(self.path)
         server = start_server(self.host, self.port)
         try:
             # The page is there before the files are read.
             doing = "Waiting for a fit in" if self.wait else "Opening"
             server.gui.set_panel_label(f"{doing} {self.path.name} …")
-            self._check()
             port = server.get_port()
             if self.port not in (0, port):
                 announce(f"port {self.port} is in use; taking {port}")
@@ -54,13 +54,6 @@ class View:
             self._serve(server)
         finally:
             stop_server(server)
-
-    def _check(self) -> None:
-        """Refuse a path that cannot be shown; with `wait`, there may be nothing yet."""
-        from neural_strands.viewer.open_scene import kind_of
-
-        if not self.wait:
-            kind_of(self.path)
 
     def _serve(self, server: "viser.ViserServer") -> None:
         from neural_strands.runs.run_folder import RunFolder

@@ -1,6 +1,7 @@
 """Comparison of photographs with drawn hair, by the texture of their streaks; and the curl whose drawing is closest."""
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,10 +11,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from neural_strands.fitting.curls.streaks import Course, Texture, course_of, drawn_hair, texture_of
+from neural_strands.fitting.noise import NOISY, clearness
 from neural_strands.flow.curls import Curl, CurlConfig, Locks, curled
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import Views
-from neural_strands.lmvs.orientation import OrientationConfig, luma, orientation_map
+from neural_strands.lmvs.orientation import OrientationConfig, luma
 
 MOST_STRANDS = 5000
 """Largest number of strands that are drawn."""
@@ -28,13 +30,10 @@ PITCHES = (0.012, 0.0155, 0.02, 0.024, 0.028, 0.034, 0.04, 0.05)
 FOR_SIZE, FOR_CURLINESS = 1.0, 0.25
 """Weight of the repetition of textures against their lean: for the size of curls, and for whether there are any. Curls
 of several sizes may have the same lean, but noise hides how they repeat."""
-NOISY, BURIED = 0.1, 0.075
-"""Photographs whose hair has a confidence of orientation between these are noisy. Pure noise has 0.07, and near that
-the amount of noise cannot be told."""
+BURIED = 0.075
+"""Clearness of photographs (see `fitting.noise`) up to which the amount of noise cannot be told from that of others."""
 MOST_NOISE, BISECTIONS = 4.0, 8
 """Largest noise of drawings, and steps of the search for it."""
-HAIR = 0.5
-"""Coverage above which a pixel is hair."""
 WAVE_ROUNDNESS = 0.5
 """Roundness of waves."""
 
@@ -78,7 +77,7 @@ class Comparison:
 
     def of(self, strands: Float[Tensor, "strand point 3"], noise: float = 0.0) -> Texture:
         """Texture of drawn strands relative to the same course, in noise of this standard deviation."""
-        return _texture(_drawn(strands, self.photographs.cameras, noise), self.photographs, self.courses)
+        return _texture(in_noise(self._drawn(strands), noise), self.photographs, self.courses)
 
     def noise(self) -> float:
         """Noise in which the axes, drawn, have streaks as clear as the photographs'.
@@ -86,15 +85,25 @@ class Comparison:
         It is 0 if these are not noisy, or if noise hides all of their streaks. Otherwise it is a standard deviation, in
         units of the brightness of drawn hair in full light.
         """
-        wanted = _clearness(self.photographs.brightness, self.photographs)
+        wanted = self._clearness(self.photographs.brightness)
         if not BURIED < wanted < NOISY:
             return 0.0
-        low, high = 0.0, MOST_NOISE
+        drawn, low, high = self._drawn(self.axes), 0.0, MOST_NOISE
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            clear = _clearness(_drawn(self.axes, self.photographs.cameras, middle), self.photographs)
-            low, high = (middle, high) if clear > wanted else (low, middle)
+            low, high = (middle, high) if self._clearness(in_noise(drawn, middle)) > wanted else (low, middle)
         return high
+
+    def _drawn(self, strands: Float[Tensor, "strand point 3"]) -> list[Float[Tensor, "height width"]]:
+        random = torch.Generator().manual_seed(0)
+        return [drawn_hair(strands, camera, random) for camera in self.photographs.cameras]
+
+    def _clearness(self, pictures: Sequence[Float[Tensor, "height width"]]) -> float:
+        """Mean clearness of pictures from the cameras of the photographs; 1 without hair."""
+        pairs = zip(pictures, self.photographs.masks, strict=True)
+        found = [clearness(picture, mask, OrientationConfig()) for picture, mask in pairs]
+        known = [each for each in found if each is not None]
+        return statistics.fmean(known) if known else 1.0
 
 
 @dataclass(frozen=True)
@@ -176,20 +185,9 @@ def _texture(
     return texture_of(pictures, seen.masks, courses, seen.cameras, OrientationConfig())
 
 
-def _clearness(pictures: Sequence[Float[Tensor, "height width"]], seen: Photographs) -> float:
-    """Mean over pictures of the median confidence of the hair's orientation; 1 without hair."""
-    clear = [
-        orientation_map(picture, OrientationConfig()).confidence[mask > HAIR].median()
-        for picture, mask in zip(pictures, seen.masks, strict=True)
-        if bool((mask > HAIR).any())
-    ]
-    return float(torch.stack(clear).mean()) if clear else 1.0
-
-
-def _drawn(
-    strands: Float[Tensor, "strand point 3"], cameras: Sequence[Camera], noise: float
-) -> list[Float[Tensor, "height width"]]:
-    """Drawn strands in noise."""
-    random, grain = torch.Generator().manual_seed(0), torch.Generator().manual_seed(1)
-    pictures = [drawn_hair(strands, camera, random) for camera in cameras]
-    return [picture + noise * torch.randn(picture.shape, generator=grain).to(picture) for picture in pictures]
+def in_noise(
+    pictures: Sequence[Float[Tensor, "height width"]], noise: float
+) -> Sequence[Float[Tensor, "height width"]]:
+    """Pictures with noise of this standard deviation, the same at every call."""
+    random = torch.Generator().manual_seed(1)
+    return [picture + noise * torch.randn(picture.shape, generator=random).to(picture) for picture in pictures]
