@@ -64,6 +64,8 @@ class Case:
     """A groom of the shared data, or a style."""
     winding: Winding | None = None
     """Wave or curl to add; None for none."""
+    length: float | None = None
+    """Length of procedural hair that is not cut level, metres; None leaves the style's length and cut."""
     head: HeadName = "makehuman"
     """Head of procedural grooms and of wavy_long; captured grooms have their own."""
     colour: HairColour = "brown"
@@ -96,6 +98,9 @@ CASES = (
     Case("bob_coils", "tuning", "sintel_bob", Winding(0.003, 0.015), colour="black", light_turn=-60, views=32),
     Case("wavy_curls", "tuning", "wavy_long", Winding(0.004, 0.024), colour="blond", light_turn=-120, seed=1),
     Case("straight_bob", "tuning", "sintel_bob", colour="grey", widths=1.3, light_turn=180, views=20, seed=1),
+    Case("wavy_style_ict", "tuning", "wavy", head="ict", colour="auburn", azimuth=110, views=20, light_turn=75, seed=5),
+    Case("curly_style_mannequin", "tuning", "curly", head="mannequin", colour="auburn", light_turn=-30, seed=6),
+    Case("over_shoulders", "tuning", "straight", length=0.5, colour="black", light_turn=15, samples=16, seed=7),
     Case("long_waves", "test", "straight_long", Winding(0.008, 0.06, 0.5), colour="auburn", light_turn=120, seed=1),
     Case("wavy_style_front", "test", "wavy", head="makehuman", azimuth=100, views=20, light_turn=30, seed=2),
     Case("curly_style", "test", "curly", head="ict", colour="brown", light_turn=150, views=32, seed=3),
@@ -132,7 +137,10 @@ def grown(case: Case, data: Path, generator: torch.Generator) -> tuple[Head, Str
         strands = read_groom(data / "grooms" / "wavy_long" / "harolongo.data").strands()
         back = fit_similarity(head, strands.points[:, 0]).inverse()
         return head, Strands(back.apply(strands.points))
-    return head, make_groom(head, STYLES[case.groom], MELANIN[case.colour], case.strands, generator)
+    style = STYLES[case.groom]
+    if case.length is not None:
+        style = replace(style, length=case.length, tip_level=None)
+    return head, make_groom(head, style, MELANIN[case.colour], case.strands, generator)
 
 
 def wound(strands: Strands, head: Head, winding: Winding, generator: torch.Generator) -> Strands:

@@ -2,7 +2,7 @@
 
 Segments on such curls lean off the course of the hair to one side. Turned back, they show the course of the axes.
 By how much they lean is known only as well as that course: hair that is combed to one side does not hang, and segments
-may lean off a hanging course by too little. Where they lean little, larger leans are therefore tried as well.
+may lean off a hanging course by too little. Where they hardly agree, larger leans are therefore tried as well.
 """
 
 import math
@@ -26,7 +26,7 @@ FIRST_INSET = 0.004
 LEVEL = 0.8
 """Places where the surface of the hair is more level than this (vertical part of its normal) do not show gravity."""
 FURTHER = (0.0, 15.0, 30.0)
-"""By how much more than measured segments that lean little are turned back, degrees."""
+"""By how much more than measured segments that hardly agree are turned back, degrees."""
 MOST_LEAN = 60.0
 """Such segments are not turned back further than this, degrees."""
 
@@ -53,10 +53,14 @@ class Leaning:
         """Handedness of the helices on which segments lean like this."""
         return -round(math.copysign(1, self.lean.angle))
 
-    def tried(self) -> list[float]:
-        """Angles by which the segments may lean off the axes of the helices, radians."""
-        if self.strong:
-            # The course is about right. Further leans would look as much like the photographs, with larger curls.
+    def tried(self, least_agreement: float) -> list[float]:
+        """Angles by which the segments may lean off the axes of the helices, radians.
+
+        Args:
+            least_agreement: agreement of segments off a course that is about right.
+        """
+        if self.lean.agreement >= least_agreement:
+            # Further leans would look as much like the photographs, with larger curls.
             return [self.lean.angle]
         lean = abs(self.lean.angle)
         further = [lean + math.radians(each) for each in FURTHER]
@@ -129,7 +133,7 @@ def closest_helices(
     """
     roots, scalp_normals, faces = scalp
     found: list[Helices] = []
-    for lean in leaning.tried():
+    for lean in leaning.tried(config.curls.least_agreement):
         turned = turned_back(leaning.segments, leaning.course, lean)
         # Neighbours sign turned segments better than the hanging course does, for instance at a parting.
         straight = orient_segments(turned, room.head, faces, [], GrowthConfig())

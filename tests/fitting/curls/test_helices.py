@@ -12,12 +12,12 @@ from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
-def leaning(degrees: float, strong: bool = False) -> Leaning:
+def leaning(degrees: float, agreement: float = 0.4) -> Leaning:
     point = torch.zeros(1, 3)
     nothing = LineSegments(point, point, torch.ones(1), torch.zeros(1, dtype=torch.long))
     grid = VoxelGrid((0.0, 0.0, 0.0), 0.01, (2, 2, 2))
     course = FlowField(grid, torch.zeros(*grid.shape, 3), torch.ones(grid.shape, dtype=torch.bool))
-    return Leaning(nothing, course, Lean(math.radians(degrees), 1.0), strong)
+    return Leaning(nothing, course, Lean(math.radians(degrees), agreement), strong=False)
 
 
 @pytest.mark.parametrize(
@@ -25,11 +25,11 @@ def leaning(degrees: float, strong: bool = False) -> Leaning:
     [(20, [20, 35, 50]), (-40, [-40, -55]), (50, [50])],
 )
 def test_leans_further_than_measured_are_tried_up_to_a_limit(measured, tried):
-    assert [math.degrees(lean) for lean in leaning(measured).tried()] == pytest.approx(tried)
+    assert [math.degrees(lean) for lean in leaning(measured).tried(0.5)] == pytest.approx(tried)
 
 
-def test_strong_leans_are_taken_as_measured():
-    assert [math.degrees(lean) for lean in leaning(-75, strong=True).tried()] == pytest.approx([-75])
+def test_leans_of_segments_that_agree_are_taken_as_measured():
+    assert [math.degrees(lean) for lean in leaning(-75, agreement=0.6).tried(0.5)] == pytest.approx([-75])
 
 
 def test_segments_that_lean_clockwise_are_those_of_right_handed_helices():
