@@ -182,10 +182,13 @@ def test_large_pictures_shrink_and_alpha_lies_over_black(tmp_path: Path):
     Image.fromarray(picture(80, 120)).save(tmp_path / "large.bmp")
     clear = np.dstack([picture(), np.zeros((40, 60), np.uint8)])
     Image.fromarray(clear).save(tmp_path / "clear.webp", lossless=True)
+    Image.fromarray(np.full((40, 60, 4), (255, 255, 255, 128), np.uint8)).save(tmp_path / "half.png")
     Image.fromarray(np.full((40, 60), 257 * 100, np.uint16)).save(tmp_path / "deep.png")
     found, _ = run(tmp_path, tmp_path / "out", longest_side=60)
     assert {(photograph.width, photograph.height) for photograph in found} == {(60, 40)}
     assert not read_picture(tmp_path / "out" / "clear.png").any()
+    half = 255 * (1.055 * (128 / 255) ** (1 / 2.4) - 0.055)
+    assert (read_picture(tmp_path / "out" / "half.png") == round(half)).all()
     assert (read_picture(tmp_path / "out" / "deep.png") == 100).all()
 
 

@@ -275,8 +275,7 @@ def _in_srgb(image: Image.Image, profile: bytes | None) -> Image.Image:
         grey = np.asarray(image, dtype=np.float64) / 257.0
         image = Image.fromarray(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
     if image.mode in ("RGBA", "LA", "PA", "P"):
-        image = image.convert("RGBA")
-        image = Image.alpha_composite(Image.new("RGBA", image.size, (0, 0, 0, 255)), image)
+        image = Image.fromarray(colour_of(np.asarray(image.convert("RGBA"))))
     image = image.convert("RGB")
     if not profile:
         return image
