@@ -71,6 +71,7 @@ def conserve(
     scalp_normals: Float[Tensor, "root 3"],
     depth: float,
     config: ConservationConfig | None = None,
+    walls: Bool[Tensor, "x y z"] | None = None,
 ) -> FlowField:
     """Rotate the directions of a field as little as possible so that hair from the scalp fills the domain.
 
@@ -83,6 +84,7 @@ def conserve(
         scalp_normals: its outward normals.
         depth: how far below the scalp the domain reaches, metres.
         config: weights and limits.
+        walls: voxels outside the domain that hair does not run into; those of the scalp do not count.
     """
     config = config or ConservationConfig()
     if config.rounds == 0 or not bool(field.domain.any()):
@@ -93,6 +95,9 @@ def conserve(
     centres = field.grid.nodes(given.device).reshape(-1, 3)[number]
     normals = surface_normals(field.grid, field.domain, centres)
     cells = flow_cells(field.domain, scalp, given, normals, config.way_out)
+    if walls is not None:
+        closed = behind_faces(walls, field.domain, False) & ~cells.scalp
+        cells = replace(cells, open=cells.open & ~closed)
     enough = config.tolerance * float(face_flow(given, cells).sum(dim=1).norm())
     flow, speed = given, torch.ones_like(given[:, 0])
     for _ in range(config.rounds):

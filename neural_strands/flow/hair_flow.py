@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from neural_strands.flow.body import along_skin, body_voxels, lies_on_body, near_scalp
 from neural_strands.flow.conservation import ConservationConfig, conserve
 from neural_strands.flow.curls import CurlConfig
 from neural_strands.flow.field import FlowConfig, FlowField, diffuse_directions, grid_around
@@ -35,8 +36,6 @@ from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
-SKIN = 0.008
-"""Distance from the scalp up to which directions into it are turned along it, metres."""
 VOXEL_BYTES = 180
 """Peak memory of `hair_room` and `hair_flow`, bytes per voxel of their grid (152 and 181 measured)."""
 
@@ -152,31 +151,15 @@ def hair_flow(
     if room.masked:
         domain = domain & (marked(domain, guess.voxels) | behind_segments(room, segments, config))
     smooth = diffuse_directions(room.grid, domain, segments, scalp_points, scalp_normals, config.flow, guess)
-    full = conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation)
-    return along_scalp(full, room.layer, scalp_points)
-
-
-def along_scalp(field: FlowField, layer: HeadLayer, scalp_points: Float[Tensor, "root 3"]) -> FlowField:
-    """Turn directions that lead into the scalp along it: on the skin completely, less above.
-
-    Elsewhere on the head hair may end: strands that meet the shoulders would follow them.
-
-    Args:
-        field: growth directions.
-        layer: distances to the head around it.
-        scalp_points: roots on the scalp.
-    """
-    grid, reach = field.grid, round(SKIN / field.grid.spacing)
-    index, inside = grid.index(scalp_points)
-    rooted = marked(field.domain, index[inside]).to(field.directions)[None, None]
-    near = functional.max_pool3d(rooted, 2 * reach + 1, stride=1, padding=reach)[0, 0] > 0
-    voxels = torch.nonzero((field.domain & near).reshape(-1)).squeeze(1)
-    height, outward, _ = layer.at(grid.nodes(field.domain.device).reshape(-1, 3)[voxels])
-    given = field.directions.reshape(-1, 3)[voxels]
-    into = (given * outward).sum(dim=-1, keepdim=True).clamp(max=0)
-    turned = functional.normalize(given - (1 - height / SKIN).clamp(0, 1)[:, None] * into * outward, dim=-1)
-    directions = field.directions.reshape(-1, 3).index_copy(0, voxels, turned)
-    return replace(field, directions=directions.reshape_as(field.directions))
+    confident = segments.select(segments.confidence >= config.flow.least_confidence)
+    if lies_on_body(confident, scalp_points, room.layer):
+        walls, turned = body_voxels(room.grid, domain, room.layer), domain
+        smooth = along_skin(smooth, domain, room.layer)
+    else:
+        # Strands that meet the shoulders end there.
+        walls, turned = None, near_scalp(smooth, scalp_points)
+    full = conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation, walls)
+    return along_skin(full, turned, room.layer)
 
 
 def behind_segments(room: HairRoom, segments: LineSegments, config: InitialConfig) -> Bool[Tensor, "x y z"]:

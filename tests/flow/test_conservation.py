@@ -158,6 +158,22 @@ def test_hair_does_not_end_in_the_scalp():
     assert float(next_to_scalp[..., 1].min()) > -0.02
 
 
+def test_hair_does_not_run_into_walls():
+    """A slab that hair crosses slantwise, with a ceiling that is a wall or open, and open at its far side."""
+    grid, domain, roots = over_flat_scalp((40, 9, 3))
+    walls = torch.zeros_like(domain)
+    walls[:, -1] = True
+    slantwise = torch.nn.functional.normalize(torch.tensor([1.0, 1.0, 0.0]), dim=0)
+    field = FlowField(grid, slantwise.expand(*grid.shape, 3), domain & ~walls)
+    config = ConservationConfig(rounds=12, way_out=0.5)
+    open_above, below_wall = (
+        conserve(field, roots, UP.expand(len(roots), 3), 0.0, config, given).directions[5:35, -2, :, 1]
+        for given in (None, walls)
+    )
+    assert float(open_above.min()) > 0.5
+    assert float(below_wall.max()) < 0.25
+
+
 def test_directions_turn_less_when_speed_is_free(generator):
     grid, domain, roots = over_flat_scalp((12, 6, 12))
     centres = grid.nodes() - torch.tensor([6.0, -2.0, 6.0])
