@@ -51,9 +51,7 @@ def lies_on_body(segments: LineSegments, scalp_points: Float[Tensor, "root 3"], 
 
 def body_voxels(grid: VoxelGrid, domain: Bool[Tensor, "x y z"], layer: HeadLayer) -> Bool[Tensor, "x y z"]:
     """Voxels of the head and the body, scalp included, that hold no hair."""
-    nodes = grid.nodes(domain.device).reshape(-1, 3)
-    height = layer.grid.sample(layer.distance[..., None], nodes, outside="border").view(grid.shape)
-    return (height < INSIDE) & ~domain
+    return (layer.heights(grid) < INSIDE) & ~domain
 
 
 def near_scalp(field: FlowField, scalp_points: Float[Tensor, "root 3"]) -> Bool[Tensor, "x y z"]:

@@ -80,8 +80,7 @@ class HairRoom:
 
     def inset(self, depth: float) -> "HairRoom":
         """The room of the axes of curls: all places deeper than `depth` metres in the hair or nearer to the head."""
-        nodes = self.grid.nodes(self.domain.device).reshape(-1, 3)
-        height = self.layer.grid.sample(self.layer.distance[..., None], nodes, outside="border").view(self.grid.shape)
+        height = self.layer.heights(self.grid)
         reach = round(depth / self.grid.spacing)
         air = functional.pad((~self.domain & (height > 0)).float(), (reach,) * 6, value=1.0)
         near = functional.max_pool3d(air[None, None], 2 * reach + 1, stride=1)[0, 0] > 0
@@ -165,10 +164,8 @@ def hair_flow(
 def behind_segments(room: HairRoom, segments: LineSegments, config: InitialConfig) -> Bool[Tensor, "x y z"]:
     """Places that a ball rolling about the head and the confident segments cannot reach (see `rolling_ball`)."""
     grid, kept = room.grid, segments.confidence >= config.flow.least_confidence
-    nodes = grid.nodes(room.domain.device).reshape(-1, 3)
-    height = room.layer.grid.sample(room.layer.distance[..., None], nodes, outside="border").view(grid.shape)
     hair = crowded(grid, segments.points[kept], config.ball.least_points)
-    return behind_ball(grid, hair | (height < grid.spacing), config.ball)
+    return behind_ball(grid, hair | (room.layer.heights(grid) < grid.spacing), config.ball)
 
 
 def hanging_flow(

@@ -71,6 +71,11 @@ class HeadLayer:
     outward: Float[Tensor, "x y z 3"]
     unseen: Float[Tensor, "x y z"]
 
+    def heights(self, fine: VoxelGrid) -> Float[Tensor, "x y z"]:
+        """Distance to the head, interpolated at the nodes of another grid."""
+        nodes = fine.nodes(self.distance.device).reshape(-1, 3)
+        return self.grid.sample(self.distance[..., None], nodes, outside="border").view(fine.shape)
+
     def at(
         self, points: Float[Tensor, "point 3"]
     ) -> tuple[Float[Tensor, " point"], Float[Tensor, "point 3"], Bool[Tensor, " point"]]:
