@@ -2,7 +2,8 @@
 
 Grooms come from the shared data (their captures hold them in metres on their heads) or are procedural. A wound groom
 keeps its strands as axes of waves or curls: locks share amplitude, length and phase, and each strand varies slightly.
-Cases of the test half share neither winding nor light with those of the tuning half.
+Windings of the test half differ from those of the tuning half, and so do its lights except for long_fine_waves'; the
+procedural styles occur in both halves.
 """
 
 import math

@@ -55,7 +55,7 @@ def body_voxels(grid: VoxelGrid, domain: Bool[Tensor, "x y z"], layer: HeadLayer
 
 
 def near_scalp(field: FlowField, scalp_points: Float[Tensor, "root 3"]) -> Bool[Tensor, "x y z"]:
-    """Voxels of hair within `SKIN` of a root."""
+    """Voxels within `SKIN` of a root that lies in the hair."""
     reach = round(SKIN / field.grid.spacing)
     index, inside = field.grid.index(scalp_points)
     rooted = marked(field.domain, index[inside]).to(field.directions)[None, None]

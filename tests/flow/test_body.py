@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from neural_strands.flow.body import FROM_SCALP, SKIN, along_skin, body_voxels, lies_on_body, near_scalp
+from neural_strands.flow.body import SKIN, along_skin, body_voxels, lies_on_body, near_scalp
 from neural_strands.flow.field import FlowField
 from neural_strands.flow.unseen import HeadLayer
 from neural_strands.geometry.line_segments import LineSegments
@@ -97,4 +97,3 @@ def test_directions_beside_the_skin_do_not_lead_into_it(everywhere: bool, roots,
     for kept in same if everywhere else [*same, from_roots > 2.5 * SKIN]:
         torch.testing.assert_close(found[kept], given[kept])
     torch.testing.assert_close(found.norm(dim=-1), torch.ones(GRID.shape))
-    assert FROM_SCALP > 2.5 * SKIN
