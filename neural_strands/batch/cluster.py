@@ -64,12 +64,13 @@ def cluster(address: str | None) -> Iterator["Cluster"]:
             f"--address {address}: expected the head of a Ray cluster, found none ({reason(error)}); start one with "
             "`ray start --head`, or leave out --address."
         ) from error
-    try:
-        # Ray reports dead nodes on standard output, where results belong; the table shows them in one line.
-        with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+    # Ray reports dead nodes on standard output, where results belong, even while it shuts down; the table shows them in
+    # one line.
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+        try:
             yield Cluster()
-    finally:
-        ray.shutdown()
+        finally:
+            ray.shutdown()
 
 
 class Cluster:
