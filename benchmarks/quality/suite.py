@@ -8,7 +8,8 @@ line segments in the training views, traces first strands and compares them with
 and 3 mm/30°, strand consistency, lengths against the true ones (median and 95th percentile), points inside the head,
 always beside the number of strands. It writes ROOT/LABEL.json and .txt (all seeds; means over the test half, worst case
 by name) and ROOT/LABEL/NAME.png: true strands above the found ones, coloured by direction, from the front, the side and
-behind. `--runs FOLDER` scores fits instead: those in FOLDER/NAME (`neural-strands fit ROOT/captures/NAME FOLDER/NAME`).
+behind. `--runs FOLDER` scores fits instead, with their own segments: those in FOLDER/NAME (`neural-strands fit
+ROOT/captures/NAME FOLDER/NAME`).
 """
 
 import sys
@@ -41,6 +42,7 @@ from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.pictures.encoding import write_png
 from neural_strands.pictures.lines import lines_picture
+from neural_strands.runs.run_folder import RunFolder
 from neural_strands.scalp.head import Head
 
 STRICT = THRESHOLDS[:3]
@@ -136,10 +138,11 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
     head, config = find_head(capture), preset("fast")
     truth = capture.ground_truth
     assert truth is not None
-    segments = segments_of(capture, head, case, arguments, seed)
     if arguments.runs is not None:
-        points = read_groom(arguments.runs / case.name / "strands.npz").strands().points
+        run = RunFolder(arguments.runs / case.name)
+        segments, points = load_segments(run.segments), read_groom(run.groom_arrays).strands().points
     else:
+        segments = segments_of(capture, head, case, arguments, seed)
         kept = capture.subset(training_views(len(capture), HOLD_OUT_EVERY))
         views, random = kept.views_on(), torch.Generator().manual_seed(seed)
         roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
@@ -227,6 +230,8 @@ def main(arguments: Arguments) -> None:
     unknown = set(arguments.only) - {case.name for case in CASES}
     if unknown:
         sys.exit(f"--only: expected names of {', '.join(case.name for case in CASES)}, found {', '.join(unknown)}.")
+    if arguments.runs is not None and arguments.seeds != 1:
+        sys.exit(f"--seeds: expected 1 with --runs, where each case has one fit, found {arguments.seeds}.")
     chosen = [case for case in CASES if not arguments.only or case.name in arguments.only]
     if arguments.what == "build":
         for case in chosen:
@@ -238,6 +243,9 @@ def main(arguments: Arguments) -> None:
     for case in chosen:
         if not (arguments.root / "captures" / case.name / "transforms.json").is_file():
             print(f"{case.name}: not rendered yet, left out")
+            continue
+        if arguments.runs is not None and not RunFolder(arguments.runs / case.name).groom_arrays.is_file():
+            print(f"{case.name}: not fitted yet, left out")
             continue
         rows += [score(case, arguments, seed) for seed in range(arguments.seeds)]
         write_json(arguments.root / f"{arguments.label}.json", {"rows": [asdict(row) for row in rows]})
