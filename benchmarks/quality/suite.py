@@ -8,10 +8,10 @@ training views, trace first strands and compare them with the true ones: F at 1 
 consistency, lengths against the true ones (median and 95th percentile), points inside the head, always beside the
 number of strands.
 
-Each case and seed has a row, ROOT/LABEL/NAME_SEED.json, and a picture beside it: true strands above the found ones,
-coloured by direction, from the front, the side and behind. A row that is there is not scored again, even if the code
-has changed: that takes --again or another label. ROOT/LABEL.json and .txt are made from all rows that are there: every
-seed, means over the cases of each half, and the worst case of the test half.
+Each case and seed has a row, ROOT/LABEL/NAME_SEED.json, and a picture beside it (see suite_pictures.py). A row that is
+there is not scored again, even if the code has changed: that takes --again or another label. ROOT/LABEL.json and .txt
+are made from all rows that are there: every seed, means over the cases of each half, and the worst case of the test
+half.
 
 `--runs FOLDER` scores fits instead, with their own segments: those in FOLDER/NAME (`neural-strands fit
 ROOT/captures/NAME FOLDER/NAME`).
@@ -19,7 +19,6 @@ ROOT/captures/NAME FOLDER/NAME`).
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,6 +26,7 @@ from typing import Annotated, Literal
 import torch
 import tyro
 from suite_cases import CASES, Case, build
+from suite_pictures import sheet
 from suite_table import Row, row_path, write_results
 
 from neural_strands.capture.capture import Capture
@@ -40,15 +40,12 @@ from neural_strands.fitting.fit_data import head_distance_grid
 from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import track
-from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.pictures.encoding import write_png
-from neural_strands.pictures.lines import lines_picture
 from neural_strands.runs.run_folder import RunFolder
 from neural_strands.scalp.head import Head
 
@@ -116,7 +113,7 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
     inside = fit_to_head(ours, head.mesh)
     assert inside is not None
     assert scores[1].strand_consistency is not None
-    write_png(arguments.results / f"{case.name}_{seed}.png", picture([truth.points, points], head.mesh))
+    write_png(arguments.results / f"{case.name}_{seed}.png", sheet(truth.points, points, head.mesh))
     beside, _ = nearest(points[:, 0], truth.points[:, 0], radius=ROOTED)
     ours_long, true_long = lengths(points[beside.isfinite()]), lengths(truth.points)
     return Row(
@@ -130,20 +127,6 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
         [float(ours_long.quantile(q) / true_long.quantile(q)) for q in (0.5, 0.95)],
         inside.inside,
     )
-
-
-def picture(strands: Sequence[torch.Tensor], head: Mesh) -> torch.Tensor:
-    """One row for each set of strands: from the front, the side and behind."""
-    low, high = strands[0].amin(dim=(0, 1)), strands[0].amax(dim=(0, 1))
-    middle, size = 0.5 * (low + high), float((high - low).max())
-    rows = []
-    for points in strands:
-        views = []
-        for away in ([0.0, 0.1, 1.0], [1.0, 0.1, 0.0], [0.0, 0.1, -1.0]):
-            camera = Camera.look_at(middle + torch.tensor(away), middle, 420 / size, (480, 480))
-            views.append(lines_picture(points[:: max(1, len(points) // 5000)], camera, head))
-        rows.append(torch.cat(views, dim=1))
-    return torch.cat(rows)
 
 
 def segments_of(capture: Capture, head: Head, case: Case, arguments: Arguments, seed: int) -> LineSegments:
