@@ -34,6 +34,7 @@ from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY, training_views
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, fit_to_head, score_geometry
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
+from neural_strands.evaluation.strand_lengths import compare_lengths
 from neural_strands.fitting.config import preset
 from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
 from neural_strands.fitting.fit_data import head_distance_grid
@@ -41,8 +42,6 @@ from neural_strands.fitting.stereo import find_segments
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.point_queries import nearest
-from neural_strands.geometry.strands import lengths
 from neural_strands.grooms.io import read_groom
 from neural_strands.lmvs.files import load_segments, save_segments
 from neural_strands.pictures.encoding import write_png
@@ -51,9 +50,6 @@ from neural_strands.scalp.head import Head
 
 STRICT = THRESHOLDS[:3]
 """Reported thresholds."""
-ROOTED = 0.004
-"""Largest distance to a true root within which true hair grows, metres: a head's scalp may be larger than its
-groom's."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +110,8 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
     assert inside is not None
     assert scores[1].strand_consistency is not None
     write_png(arguments.results / f"{case.name}_{seed}.png", sheet(truth.points, points, head.mesh))
-    beside, _ = nearest(points[:, 0], truth.points[:, 0], radius=ROOTED)
-    ours_long, true_long = lengths(points[beside.isfinite()]), lengths(truth.points)
+    lengths = compare_lengths(points, truth.points)
+    assert lengths is not None
     return Row(
         case.name,
         case.half,
@@ -124,7 +120,7 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
         [each.unsigned.f_score for each in scores],
         [[each.unsigned.precision, each.unsigned.recall] for each in stereo],
         scores[1].strand_consistency,
-        [float(ours_long.quantile(q) / true_long.quantile(q)) for q in (0.5, 0.95)],
+        list(lengths.ratios),
         inside.inside,
     )
 
