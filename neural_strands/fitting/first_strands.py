@@ -1,7 +1,5 @@
 """The initial strands: traced through the flow of the hair; and the shape texture that holds their latents."""
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -10,6 +8,7 @@ from neural_strands.fitting.curls.curl_search import FoundCurls, curl_strands, f
 from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_masks, hair_room
 from neural_strands.flow.hull import HullConfig, hairy_points
 from neural_strands.flow.tracing import TracedStrands, trace_hair
+from neural_strands.foundation.progress import Feedback, Track, untracked
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -70,7 +69,7 @@ def trace_first_strands(
     roots: Roots,
     config: InitialConfig,
     distance: SignedDistanceGrid,
-    say: Callable[[str], None] = lambda _: None,
+    feedback: Feedback | None = None,
 ) -> TracedStrands:
     """Trace a strand from every root through the flow of the hair; where the photographs show curls, curl it.
 
@@ -81,14 +80,15 @@ def trace_first_strands(
         roots: where strands start.
         config: settings of the initial strands.
         distance: signed distance to the head.
-        say: tells the user what kind of curls were found.
+        feedback: receives the progress of each stage, and what kind of curls were found.
     """
-    plain, found = trace_straight(head, segments, views, roots, config, distance)
+    feedback = feedback or Feedback()
+    plain, found = trace_straight(head, segments, views, roots, config, distance, feedback.track)
     if found is None:
         return plain
     curl = found.curl
     kind, turn = {1: ("curly", "right-handed"), -1: ("curly", "left-handed"), 0: ("wavy", "either way")}[curl.turn]
-    say(f"{kind} hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {turn}")
+    feedback.say(f"{kind} hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {turn}")
     return curl_strands(found, roots.position, roots.normal, distance, config)
 
 
@@ -99,6 +99,7 @@ def trace_straight(
     roots: Roots,
     config: InitialConfig,
     distance: SignedDistanceGrid | None = None,
+    track: Track = untracked,
 ) -> tuple[TracedStrands, FoundCurls | None]:
     """Trace a strand from every root along the segments as they are, and find out whether the hair is curly.
 
@@ -109,14 +110,15 @@ def trace_straight(
         roots: where strands start.
         config: settings of the initial strands.
         distance: signed distance to the head, if the caller has sampled it already; only saves time.
+        track: shows the progress of each stage.
 
     Returns:
         The strands; and the curls or waves that the photographs show, None for straight hair.
     """
-    room = hair_room(segments, views, head.mesh, roots.position, config, distance)
-    flow = hair_flow(room, segments, roots.position, roots.normal, config)
+    room = hair_room(segments, views, head.mesh, roots.position, config, distance, track)
+    flow = hair_flow(room, segments, roots.position, roots.normal, config, track)
     plain = trace_hair(flow, roots.position, roots.normal, config.trace)
-    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config)
+    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config, track)
     return plain, found
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from counted_loops import CountedLoops
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
@@ -110,6 +111,14 @@ def test_a_clock_that_is_set_back_changes_nothing(request_of, monkeypatch):
     monkeypatch.setattr(time, "time", lambda: next(hours))
     run_fit(request_of("run"), config, CPU, Feedback())
     assert bits(request_of("run")) == bits(request_of("whole"))
+
+
+def test_progress_reaches_the_end(request_of):
+    counted = CountedLoops()
+    run_fit(request_of("run"), tiny_config(steps=4), CPU, Feedback(track=counted.track))
+    assert all(loop.complete for loop in counted.loops)
+    assert (counted.loops[-1].title, counted.loops[-1].total) == ("fitting", 4)
+    assert {"smoothing growth directions", "spreading hair over its room"} < {loop.title for loop in counted.loops}
 
 
 def test_a_resumed_fit_traces_no_strands_again(request_of, monkeypatch):
