@@ -1,6 +1,7 @@
 """A fit as a run: a refused fit leaves nothing that blocks the next one."""
 
 import itertools
+import re
 import shutil
 import time
 from dataclasses import replace
@@ -17,6 +18,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import sole_writer
 from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs.files import save_segments
+from neural_strands.runs import forecast as forecast_module
 from neural_strands.runs import run_fit as run_fit_module
 from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.runs.run_folder import RunFolder
@@ -155,3 +157,15 @@ def test_stereo_that_finds_too_little_blocks_no_later_fit(tmp_path, monkeypatch)
     monkeypatch.setattr(run_fit_module, "find_segments", lambda *_: segments)
     assert run_fit(request, config, CPU, Feedback()).step == 2
     assert folder.description.is_file()
+
+
+@pytest.mark.parametrize("initialise", ["flow", "mean"])
+def test_the_forecast_counts_every_part_of_the_fit(request_of, monkeypatch, initialise):
+    # Hours, so that nothing is rounded away.
+    monkeypatch.setattr(forecast_module, "tracing_seconds", lambda *_: 7200.0)
+    said = []
+    run_fit(request_of("run"), tiny_config(steps=2, initialise=initialise), CPU, Feedback(said.append))
+    (told,) = [line for line in said if line.startswith("expect about")]
+    total, stereo, tracing, steps = map(float, re.findall(r"(\d+\.\d) (?:minutes|for)", told))
+    assert total == pytest.approx(stereo + tracing + steps, abs=0.15)
+    assert tracing == (120.0 if initialise == "flow" else 0.0)
