@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import shutil
 import uuid
@@ -24,16 +25,18 @@ LEFT_BY_SYSTEMS = (".DS_Store", "desktop.ini", "Thumbs.db")
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`, renamed onto it when the block ends without an error.
 
-    The temporary path has the same suffix, because many writers choose their format by it.
+    The temporary path has the same suffix, because many writers choose their format by it. If `path` is a symbolic
+    link, the link stays, and the file that it leads to is replaced.
 
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    temporary = _beside(path)
+    target = _without_links(path)
+    temporary = _beside(target, path.suffix)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        temporary.replace(path)
+        temporary.replace(target)
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
@@ -48,9 +51,10 @@ def check_writable(path: Path) -> None:
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    probe = _beside(path)
+    target = _without_links(path)
+    probe = _beside(target, path.suffix)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         probe.touch()
         probe.unlink()
     except OSError as error:
@@ -64,8 +68,14 @@ def is_taken(folder: Path) -> bool:
     return any(path.name not in LEFT_BY_SYSTEMS for path in folder.iterdir())
 
 
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
+def _without_links(path: Path) -> Path:
+    """Where a file is that is written to under this name: elsewhere if the name is a symbolic link."""
+    # `Path.resolve` raises another error in each version of Python if a link leads to itself.
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _beside(target: Path, suffix: str) -> Path:
+    return target.with_name(f".{target.stem}.{uuid.uuid4().hex[:8]}{suffix}")
 
 
 def _unwritable(path: Path, error: Exception) -> InputError:

@@ -23,6 +23,34 @@ def test_file_appears_whole_and_replaces(tmp_path: Path):
     assert [path.name for path in target.parent.iterdir()] == ["a.txt"]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows allows links only to administrators")
+def test_a_file_is_written_through_links(tmp_path: Path):
+    for name in ("store", "out"):
+        (tmp_path / name).mkdir()
+    kept, first, second, dangling = (tmp_path / name for name in ("store/kept.bin", "out/a.txt", "b.txt", "out/c.txt"))
+    kept.write_text("old")
+    first.symlink_to(Path("..") / "store" / "kept.bin")
+    second.symlink_to(first)
+    dangling.symlink_to(tmp_path / "new" / "made.txt")
+    for link in (first, second):
+        check_writable(link)
+        with atomic_file(link) as temporary:
+            assert (temporary.parent, temporary.suffix) == (kept.parent, ".txt")
+            temporary.write_text(f"by {link.name}")
+        assert link.is_symlink()
+        assert not kept.is_symlink()
+        assert kept.read_text() == f"by {link.name}"
+    with atomic_file(dangling) as temporary:
+        temporary.write_text("made")
+    assert dangling.is_symlink()
+    assert (tmp_path / "new" / "made.txt").read_text() == "made"
+    with pytest.raises(KeyError), atomic_file(first) as temporary:  # noqa: PT012
+        temporary.write_text("half")
+        raise KeyError
+    assert kept.read_text() == "by b.txt"
+    assert sorted(path.name for path in tmp_path.rglob("*.*")) == ["a.txt", "b.txt", "c.txt", "kept.bin", "made.txt"]
+
+
 def test_failed_file_leaves_the_old_one(tmp_path: Path):
     target = tmp_path / "a.txt"
     target.write_text("old")
