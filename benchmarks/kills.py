@@ -1,8 +1,9 @@
 """Kills work at random times and restarts it: `python benchmarks/kills.py OUT --kills 100`.
 
-A small fit, preparation or batch (extra `batch`) is first run without interruption. Then it is repeated in processes
-that SIGKILL ends at random times, up to five times before one may finish. Each result must be identical, byte for byte,
-to the uninterrupted one, and no unfinished files may remain. Prints one JSON document.
+A small fit (`stereo`: one that finds its segments itself), preparation or batch (extra `batch`) is first run without
+interruption. Then it is repeated in processes that SIGKILL ends at random times, up to five times before one may
+finish. Each result must be identical, byte for byte, to the uninterrupted one, and no unfinished files may remain.
+Prints one JSON document.
 """
 
 import argparse
@@ -42,10 +43,13 @@ class Job:
     Attributes:
         work: does it into a folder, from wherever earlier work there has come.
         results: which of the files are results: patterns of names, from the folder.
+        progress: pattern of files that are written one after the other. Then the work is killed when a random number
+            of them is there, instead of at a random time.
     """
 
     work: Callable[[Path], None]
     results: Sequence[str]
+    progress: str = ""
 
 
 def fit_job(folder: Path) -> Job:
@@ -61,6 +65,21 @@ def fit_job(folder: Path) -> Job:
             raise RuntimeError("the fit did not end well")
 
     return Job(work, ("segments.npz", "model/model.safetensors", "groom.npz", "groom.usd"))
+
+
+def stereo_job(folder: Path) -> Job:
+    """A fit of a few seconds that is killed while it finds its segments itself."""
+    write_capture(folder / "ball", views=8, shaded=True)
+    settings = folder / "tiny.json"
+    settings.write_text(json.dumps(asdict(tiny_config(steps=4, hold_out_every=0))))
+    run_fit.CHECKPOINT_SECONDS = CHECKPOINT_SECONDS
+
+    def work(out: Path) -> None:
+        if command(["fit", str(folder / "ball"), str(out), "--config", str(settings), "--resume"]) != 0:
+            raise RuntimeError("the fit did not end well")
+
+    results = ("segments.npz", "lmvs/*.npz", "model/model.safetensors", "groom.npz", "groom.usd")
+    return Job(work, results, "lmvs/[fl]*.npz")
 
 
 def prepare_job(folder: Path) -> Job:
@@ -86,18 +105,28 @@ def batch_job(folder: Path) -> Job:
     return Job(work, ("*/run/segments.npz", "*/run/model/model.safetensors", "*/run/groom.npz", "*/run/groom.usd"))
 
 
-JOBS = {"fit": fit_job, "prepare": prepare_job, "batch": batch_job}
+JOBS = {"fit": fit_job, "stereo": stereo_job, "prepare": prepare_job, "batch": batch_job}
 
 
-def survive(work: Callable[[], None], moments: Sequence[float]) -> int:
-    """Run the work in processes that are killed after the given seconds each; the last one may finish."""
+def moments(job: Job, out: Path, seconds: float, random: Random, count: int) -> list[Callable[[float], bool]]:
+    """When to kill: each function takes the seconds since the start, and says whether the moment has come."""
+    if not job.progress:
+        times = [random.uniform(0, seconds) for _ in range(count)]
+        return [lambda now, time=time: now >= time for time in times]
+    files = len(contents(out.parents[1] / "whole" / "result", [job.progress]))
+    numbers = sorted(random.sample(range(1, files + 1), count))
+    return [lambda _, number=number: len(list(out.glob(job.progress))) >= number for number in numbers]
+
+
+def survive(work: Callable[[], None], kills: Sequence[Callable[[float], bool]]) -> int:
+    """Run the work in processes that are killed when each of these says so; the last one may finish."""
     killed = 0
-    for moment in (*moments, float("inf")):
+    for kill in (*kills, lambda _: False):
         child = os.fork()
         if child == 0:
             os._exit(in_child(work))
         began = time.monotonic()
-        while (ended := os.waitpid(child, os.WNOHANG))[0] == 0 and time.monotonic() - began < moment:
+        while (ended := os.waitpid(child, os.WNOHANG))[0] == 0 and not kill(time.monotonic() - began):
             time.sleep(0.002)
         if ended[0] != 0:
             if ended[1] != 0:
@@ -149,7 +178,7 @@ def main() -> None:
         rounds += 1
         out = options.out / f"round_{rounds}" / "result"
         planned = min(KILLS_A_ROUND, options.kills - killed)
-        killed += survive(lambda out=out: job.work(out), [random.uniform(0, seconds) for _ in range(planned)])
+        killed += survive(lambda out=out: job.work(out), moments(job, out, seconds, random, planned))
         found = contents(out, job.results)
         different |= {name for name in {**expected, **found} if expected.get(name) != found.get(name)}
         leftovers |= {path.name for path in out.rglob(".*") if LEFTOVER.fullmatch(path.name)}

@@ -107,11 +107,11 @@ def find_lpips(
     """Find the metric; returns it and an empty string, or None and a sentence with the reason.
 
     Weights come from the folder named by NEURAL_STRANDS_WEIGHTS, from the user's cache, or (with `fetch`) once from
-    their official addresses into the cache.
+    their official addresses into the cache. After a download that failed, there is none for an hour.
     """
     try:
-        trunk = load_trunk(network, find_file(TRUNKS[network], fetch))
-        heads = load_heads(network, find_file(HEADS[network], fetch))
+        trunk = load_trunk(network, find_file(TRUNKS[network], fetch, is_required=False))
+        heads = load_heads(network, find_file(HEADS[network], fetch, is_required=False))
     except InputError as error:
         return None, f"LPIPS ({network}) is absent: {error}"
     return Lpips(network, trunk, heads).to(device), ""

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import shutil
 import uuid
@@ -14,6 +15,8 @@ from neural_strands.foundation.errors import InputError, reason
 
 LEFTOVER = re.compile(r"\..+\.[0-9a-f]{8}(?:\.old|\.[A-Za-z0-9]+)?")
 """Names of temporary files and folders of `atomic_file` and `atomic_folder`."""
+SET_ASIDE = re.compile(r"\.(.+)\.[0-9a-f]{8}\.old")
+"""Names of folders that `atomic_folder` is replacing."""
 LOCK = ".in_use"
 """Name of the lock file in a folder that is being written to."""
 LEFT_BY_SYSTEMS = (".DS_Store", "desktop.ini", "Thumbs.db")
@@ -24,16 +27,18 @@ LEFT_BY_SYSTEMS = (".DS_Store", "desktop.ini", "Thumbs.db")
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`, renamed onto it when the block ends without an error.
 
-    The temporary path has the same suffix, because many writers choose their format by it.
+    The temporary path has the same suffix, because many writers choose their format by it. If `path` is a symbolic
+    link, the link stays, and the file that it leads to is replaced.
 
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    temporary = _beside(path)
+    target = _without_links(path)
+    temporary = _beside(target, path.suffix)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        temporary.replace(path)
+        temporary.replace(target)
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
@@ -48,9 +53,10 @@ def check_writable(path: Path) -> None:
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    probe = _beside(path)
+    target = _without_links(path)
+    probe = _beside(target, path.suffix)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         probe.touch()
         probe.unlink()
     except OSError as error:
@@ -64,8 +70,14 @@ def is_taken(folder: Path) -> bool:
     return any(path.name not in LEFT_BY_SYSTEMS for path in folder.iterdir())
 
 
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
+def _without_links(path: Path) -> Path:
+    """Where a file is that is written to under this name: elsewhere if the name is a symbolic link."""
+    # `Path.resolve` raises another error in each version of Python if a link leads to itself.
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _beside(target: Path, suffix: str) -> Path:
+    return target.with_name(f".{target.stem}.{uuid.uuid4().hex[:8]}{suffix}")
 
 
 def _unwritable(path: Path, error: Exception) -> InputError:
@@ -95,22 +107,32 @@ def tensor_bytes(content: object) -> memoryview:
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `path` that replaces it when the block ends without an error.
 
+    The old folder is set aside for a moment, because a rename does not replace a folder that has contents. If this
+    process is killed then, the next writer puts the old folder back. If `path` is a symbolic link, the folder that it
+    leads to is replaced.
+
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    retired = path.with_name(f"{temporary.name}.old")
+    target = _without_links(path)
+    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}")
+    retired = target.with_name(f"{temporary.name}.old")
     try:
         temporary.mkdir(parents=True)
+        _put_back(target.parent, target.name)
         yield temporary
-        if path.exists():
-            path.replace(retired)
-        temporary.replace(path)
+        if target.exists():
+            target.replace(retired)
+        temporary.replace(target)
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
+        with suppress(OSError):
+            if retired.exists() and not target.exists():
+                retired.rename(target)
+        if target.exists():
+            shutil.rmtree(retired, ignore_errors=True)
         shutil.rmtree(temporary, ignore_errors=True)
-        shutil.rmtree(retired, ignore_errors=True)
 
 
 @contextmanager
@@ -157,8 +179,25 @@ def sole_writer(folder: Path, patience: float = 0.0) -> Iterator[None]:
 def remove_leftovers(folder: Path) -> None:
     """Remove temporary files of `atomic_file` and `atomic_folder` whose process was killed.
 
-    Only for the sole writer of a folder: files that another process is writing look the same.
+    A folder that was set aside and has not been replaced is put back. Only for the sole writer of a folder: files
+    that another process is writing look the same.
     """
+    _put_back(folder)
     for path in folder.iterdir():
         if LEFTOVER.fullmatch(path.name):
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _put_back(folder: Path, name: str | None = None) -> None:
+    """Rename folders that `atomic_folder` has set aside back to what they were, unless they have been replaced.
+
+    Args:
+        folder: where to look.
+        name: of the only folder to put back; None for all.
+    """
+    with suppress(OSError):
+        found = [(path, match[1]) for path in folder.iterdir() if (match := SET_ASIDE.fullmatch(path.name))]
+        # Of several that were set aside under one name, the one that was written last.
+        for path, wanted in sorted(found, key=lambda pair: -pair[0].stat().st_mtime_ns):
+            if path.is_dir() and name in (None, wanted) and not (folder / wanted).exists():
+                path.rename(folder / wanted)

@@ -2,6 +2,7 @@
 
 import logging
 from collections import OrderedDict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,11 +88,14 @@ class ViewCache:
                 features = Features(camera, texture, arrays["hair"], arrays["silhouette"])
             else:
                 mask = self.views.hair_mask(index)
-                features, _ = view_features(self.views.cameras[index], self.views.image(index), mask, self.config)
+                found, _ = view_features(self.views.cameras[index], self.views.image(index), mask, self.config)
+                stored = found.texture.half()
+                # Rounded as stored: a stopped run, which reads the file, must continue with the same bits.
+                features = replace(found, texture=stored.float())
                 with atomic_file(path) as temporary:
                     np.savez(
                         temporary,
-                        texture=features.texture.half().cpu().numpy(),
+                        texture=stored.cpu().numpy(),
                         hair=features.hair.cpu().numpy(),
                         silhouette=features.silhouette.cpu().numpy(),
                     )

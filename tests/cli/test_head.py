@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from neural_strands.cli.main import main
 
 
@@ -22,3 +24,9 @@ def test_table_and_refusals(tmp_path, capsys):
     assert main(["head", str(tmp_path / "none.obj")]) == 2
     assert "none.obj: expected a mesh file" in capsys.readouterr().err
     assert main(["head", "--roots", "0"]) == 2
+
+
+@pytest.mark.parametrize("option", [["--scale", "-1"], ["--scale", "0.01"], ["--scalp", "scalp.json"]])
+def test_options_of_a_mesh_are_refused_without_one(option, capsys):
+    assert main(["head", *option]) == 2
+    assert f"{option[0]}: expected with a head mesh, found no mesh" in capsys.readouterr().err

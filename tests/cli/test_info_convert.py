@@ -1,6 +1,7 @@
 """`info` and `convert`, run as a user runs them."""
 
 import json
+import sys
 from pathlib import Path
 from typing import get_args
 
@@ -91,6 +92,18 @@ def test_convert_to_metres_y_up(suffix: str, groom_file: Path, tmp_path: Path, c
 def test_convert_without_options_keeps_every_bit(groom_file: Path, tmp_path: Path):
     assert main(["convert", str(groom_file), str(tmp_path / "out.ply")]) == 0
     assert torch.equal(read_groom(tmp_path / "out.ply").vertices, read_groom(groom_file).vertices)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows allows links only to administrators")
+def test_an_output_that_is_a_link_stays_one(groom_file: Path, tmp_path: Path):
+    link, target = tmp_path / "out.ply", tmp_path / "elsewhere" / "groom"
+    target.parent.mkdir()
+    target.write_text("old")
+    link.symlink_to(target)
+    assert main(["convert", str(groom_file), str(link)]) == 0
+    assert link.is_symlink()
+    assert torch.equal(read_groom(link).vertices, read_groom(groom_file).vertices)
+    assert [path.name for path in target.parent.iterdir()] == ["groom"]
 
 
 def test_convert_points(groom_file: Path, tmp_path: Path):

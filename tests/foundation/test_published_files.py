@@ -1,7 +1,9 @@
 """Published files are fetched once over HTTP, kept only with the right digest, and found in folders afterwards."""
 
 import hashlib
+import os
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -94,3 +96,27 @@ def test_a_folder_comes_first_and_nothing_is_fetched_unasked(server: Server, mon
 def test_an_address_that_does_not_answer_is_one_sentence(server: Server):
     with pytest.raises(InputError, match="cannot be reached"):
         find_file(PublishedFile(("a.task",), "http://127.0.0.1:1/a", DIGEST))
+
+
+def test_a_failure_is_not_repeated_for_an_hour_where_the_file_is_not_required(server: Server, tmp_path: Path):
+    file = PublishedFile(("a.task",), f"{server.address}/absent", DIGEST)
+    mark = tmp_path / "cache" / "neural-strands" / "a.task.failed"
+    with pytest.raises(InputError, match="cannot be reached"):
+        find_file(file, is_required=False)
+    os.utime(mark, (time.time() - 1500, time.time() - 1500))
+    with pytest.raises(InputError, match=r"fetched 25 minutes ago; .+ or delete \S+\.failed to try") as caught:
+        find_file(file, is_required=False)
+    assert str(mark) in str(caught.value)
+    assert len(server.asked) == 1
+    # One that is required is tried each time.
+    with pytest.raises(InputError, match="cannot be reached"):
+        find_file(file)
+    assert len(server.asked) == 2
+    for hours, attempts in ((1.1, 3), (-1, 4)):
+        os.utime(mark, (time.time() - 3600 * hours, time.time() - 3600 * hours))
+        with pytest.raises(InputError, match="cannot be reached"):
+            find_file(file, is_required=False)
+        assert len(server.asked) == attempts
+    mark.unlink()
+    assert find_file(PublishedFile(("a.task",), f"{server.address}/a", DIGEST), is_required=False).is_file()
+    assert not mark.exists()

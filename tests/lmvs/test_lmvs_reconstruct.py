@@ -11,6 +11,7 @@ import trimesh
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.views import View, Views
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
@@ -90,6 +91,24 @@ def test_the_capture_decides_whether_guesses_fill_gaps(tmp_path: Path, caplog: p
         Views.in_memory(bare), None, LmvsConfig(complete="always"), torch.Generator().manual_seed(0)
     ).segment_id
     assert (torch.bincount(ids) > 2).all()
+
+
+def test_a_stopped_run_continues_to_the_same_bits(tmp_path: Path):
+    views = Views.in_memory(views_of([camera(0.4 * k, 0.35 * (-1) ** k, size=80) for k in range(6)]))
+
+    def found() -> LineSegments:
+        return reconstruct(views, None, LmvsConfig(), torch.Generator().manual_seed(0), tmp_path / "work")
+
+    whole = found()
+    # Stopped while lines are matched, and before that, while features are found.
+    for left in (["lines_0000*", "features*"], ["features_0002*"]):
+        kept = {path for pattern in left for path in (tmp_path / "work").glob(pattern)}
+        for path in {*(tmp_path / "work").glob("*.npz")} - kept:
+            path.unlink()
+        again = found()
+        assert torch.equal(again.segment_id, whole.segment_id)
+        assert torch.equal(again.points, whole.points)
+        assert torch.equal(again.directions, whole.directions)
 
 
 def test_a_single_view_is_refused(generator: torch.Generator):

@@ -54,19 +54,26 @@ def cameras(count) -> list[Camera]:
     return found
 
 
-def write_capture(folder: Path, views=6, with_masks=True) -> torch.Tensor:
-    """Photographs, masks, head and ground truth in the layout of a capture; returns the true strands."""
+def write_capture(folder: Path, views=6, with_masks=True, shaded=False) -> torch.Tensor:
+    """Photographs, masks, head and ground truth in the layout of a capture; returns the true strands.
+
+    With `shaded`, each strand has a brightness of its own, so that stereo finds segments.
+    """
     strands, head = combed_strands(), ball()
     vertices, faces = torch.from_numpy(head.vertices).float(), torch.from_numpy(head.faces).long()
     (folder / "images").mkdir(parents=True)
     (folder / "masks").mkdir()
+    brightness = 0.5 + 2.5 * torch.rand(len(strands), 1, generator=torch.Generator().manual_seed(5))
     frames = []
     for camera in cameras(views):
         body = rasterise_triangles(vertices, faces, camera)
-        hair = rasterise_lines(strands, camera, body.depth).segment >= 0
+        segment = rasterise_lines(strands, camera, body.depth).segment
+        hair = segment >= 0
         image = torch.full((SIDE, SIDE, 3), 0.6)
         image[body.face >= 0] = torch.tensor([0.8, 0.6, 0.5])
         image[hair] = torch.tensor([0.3, 0.2, 0.1])
+        if shaded:
+            image[hair] *= brightness[segment[hair] // (strands.shape[1] - 1)]
         picture = (image * 255).round().byte().numpy()
         cv2.imwrite(str(folder / "images" / f"{camera.name}.png"), np.ascontiguousarray(picture[..., ::-1]))
         cv2.imwrite(str(folder / "masks" / f"{camera.name}.png"), hair.byte().mul(255).numpy())

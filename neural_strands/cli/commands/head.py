@@ -48,6 +48,11 @@ class HeadCheck:
 
         if self.roots < 1:
             raise InputError(f"--roots {self.roots}: expected at least one root.")
+        given = {"--scalp": self.scalp, "--scale": self.scale}
+        if self.mesh is None and (found := [name for name, value in given.items() if value is not None]):
+            raise InputError(
+                f"{found[0]}: expected with a head mesh, found no mesh; name one, or leave {found[0]} out."
+            )
         head = mannequin() if self.mesh is None else load_head(self.mesh, self.scalp, self.scale)
         roots = sample_roots(head, self.roots, seeded(self.seed))
         figures = {
