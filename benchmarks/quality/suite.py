@@ -102,7 +102,9 @@ def score(case: Case, arguments: Arguments, seed: int) -> Row:
         kept = capture.subset(training_views(len(capture), HOLD_OUT_EVERY))
         views, random = kept.views_on(), torch.Generator().manual_seed(seed)
         roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
-        points = trace_first_strands(head, segments, views, roots, config.initial, head_distance_grid(head.mesh)).points
+        distance = head_distance_grid(head.mesh)
+        found = trace_first_strands(head, segments, views, roots, config.initial, distance, random)
+        points = found.strands.points
     true, ours = sample_strands(truth.points), sample_strands(points)
     scores = score_geometry(ours, true, STRICT)
     stereo = score_geometry(sample_segments(segments), true, STRICT, with_consistency=False)

@@ -46,6 +46,13 @@ def first_model(
     device = data.segments.points.device
     random = torch.Generator().manual_seed(config.seed)
     roots = hair_roots(data.head, config.strands, data.views, config.initial.hull, random)
+    first = None
+    if config.initialise == "flow":
+        initial = replace(config.initial, trace=replace(config.initial.trace, points=config.model.points))
+        first = trace_first_strands(
+            data.head, data.segments, data.views, roots.to(device), initial, data.distance, random, feedback
+        )
+        roots = first.roots.to("cpu")
     model = HairModel(config.model, roots, prior.generator, data.head.to("cpu").mesh, random).to(device)
     if networks is None and config.networks == "learned":
         networks = shipped_networks(config.model)
@@ -53,12 +60,10 @@ def first_model(
         start_networks(model, networks)
     places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
     model.seen_from = seen_from(places, model.background.centre.cpu())
-    if config.initialise == "flow":
-        roots = roots.to(device)
-        initial = replace(config.initial, trace=replace(config.initial.trace, points=config.model.points))
-        strands = trace_first_strands(data.head, data.segments, data.views, roots, initial, data.distance, feedback)
-        latents = prior.encode(to_local(strands.points, roots.position, roots.frame))
-        model.textures.shape.data.copy_(texture_from_latents(roots.uv, latents, config.model.textures.shape_size))
+    if first is not None:
+        latents = prior.encode(to_local(first.strands.points, first.roots.position, first.roots.frame))
+        texture = texture_from_latents(first.roots.uv, latents, config.model.textures.shape_size)
+        model.textures.shape.data.copy_(texture)
     return model
 
 

@@ -9,7 +9,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import held_out_views
 from neural_strands.fitting.config import FitConfig
-from neural_strands.fitting.first_strands import hair_roots, trace_straight
+from neural_strands.fitting.first_strands import find_course, hair_roots
 from neural_strands.fitting.noise import noisy
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import Track
@@ -79,7 +79,7 @@ def _straight(views: Views, head: Head, config: FitConfig, segments: LineSegment
         return True
     device, random = head.mesh.vertices.device, torch.Generator().manual_seed(config.seed)
     roots = hair_roots(head, config.strands, views, config.initial.hull, random).to(device)
-    return trace_straight(head, segments.to(device), views, roots, config.initial, None, track)[1] is None
+    return find_course(head, segments.to(device), views, roots, config.initial, None, track).curls is None
 
 
 def segments_source(capture: Capture, config: FitConfig) -> SegmentsSource:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float
@@ -28,6 +29,7 @@ from neural_strands.flow.unseen import (
     lying_directions,
     marked,
 )
+from neural_strands.foundation.configs import Between
 from neural_strands.foundation.progress import Track, untracked
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
@@ -57,6 +59,9 @@ class InitialConfig:
     """How hair that no view sees is continued from what is seen."""
     trace: TraceConfig = field(default_factory=TraceConfig)
     """Streamlines from the scalp."""
+    seen_share: Annotated[float, Between(0, 1)] = 0.25
+    """Share of the strands that start where hair begins that the photographs show (see `seen_roots`); the others are
+    spread evenly over the scalp."""
     curls: CurlConfig = field(default_factory=CurlConfig)
     """When hair counts as curly, and how curls are laid about their axes."""
 
