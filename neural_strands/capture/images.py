@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.capture.lens import Lens
+from neural_strands.foundation.devices.transfers import sent
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.input_files import read_bytes
@@ -141,9 +142,8 @@ def to_unit(image: np.ndarray) -> np.ndarray:
 def unit_tensor(image: np.ndarray, device: torch.device | str) -> Float[Tensor, "*size"]:
     """`to_unit` on a device; samples of 8 bits are transferred as stored, in a quarter of the bytes."""
     if torch.device(device).type == "cpu" or image.dtype != np.uint8:
-        return torch.from_numpy(to_unit(image)).to(device)
-    # A copy from pinned memory is asynchronous.
-    return torch.tensor(image).pin_memory().to(device, non_blocking=True).float() / 255.0
+        return sent(torch.from_numpy(to_unit(image)), device)
+    return sent(torch.tensor(image), device).float() / 255.0
 
 
 def reduced(pixels: np.ndarray, longest_side: int) -> np.ndarray:

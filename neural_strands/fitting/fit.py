@@ -4,7 +4,6 @@ Every random choice depends only on the seed, the step and the view's position i
 between processes, makes the same choices as an uninterrupted one.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +16,7 @@ from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
 from neural_strands.fitting.first_colours import initialise_colours
 from neural_strands.fitting.fit_data import FitData, random_region
-from neural_strands.fitting.geometry_step import hold_unreleased, shape_losses
+from neural_strands.fitting.geometry_step import StepStrands, hold_unreleased, shape_losses
 from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
 from neural_strands.fitting.photographs.regions import inner_part
 from neural_strands.fitting.photographs.streak_loss import streak_loss
@@ -30,7 +29,9 @@ from neural_strands.fitting.schedule import (
     released_points,
 )
 from neural_strands.fitting.seen_points import front_segments, seen_points
+from neural_strands.fitting.step_figures import StepFigures
 from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.foundation.devices.transfers import sent
 from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import deferred_interrupt
 from neural_strands.geometry.strands import Strands
@@ -109,6 +110,7 @@ def fit(
     perceptual: Perceptual | None = None,
     workers: Workers | None = None,
     after_step: Callable[[FitState, dict[str, float]], None] | None = None,
+    read_every: int = 1,
 ) -> None:
     """Run the remaining steps of a fit, in place.
 
@@ -119,12 +121,26 @@ def fit(
         perceptual: LPIPS or its substitute; without it, the rendering loss is only the squared error.
         workers: the processes that share the views of a step.
         after_step: called with the state and the figures of each step, to log and to save.
+        read_every: number of steps after which their figures are read, for which the host waits; `after_step` is then
+            called for all of them, with the state after the last one.
     """
     workers = workers or Workers()
-    while state.step < config.steps:
-        # A fit interrupted within a step would repeat part of it when resumed.
-        with deferred_interrupt():
-            _take_step(state, data, config, perceptual, workers, after_step)
+    figures = None if after_step is None else StepFigures(read_every)
+
+    def tell() -> None:
+        if figures is not None and after_step is not None:
+            for row in figures.read():
+                after_step(state, row)
+
+    try:
+        while state.step < config.steps:
+            # A fit interrupted within a step would repeat part of it when resumed.
+            with deferred_interrupt():
+                _take_step(state, data, config, perceptual, workers, figures)
+                if figures is not None and figures.due:
+                    tell()
+    finally:
+        tell()
 
 
 def _take_step(
@@ -133,12 +149,14 @@ def _take_step(
     config: FitConfig,
     perceptual: Perceptual | None,
     workers: Workers,
-    after_step: Callable[[FitState, dict[str, float]], None] | None,
+    told: StepFigures | None,
 ) -> None:
-    """Take one step, `after_step` included."""
+    """Take one step and keep its figures."""
     learned = [parameter for group in state.optimiser.param_groups for parameter in group["params"]]
     images_from = appearance_begins(config.steps, config.schedule)
-    began, step = time.perf_counter(), state.step
+    step = state.step
+    if told is not None:
+        told.begin()
     factor = rate_factor(step, config.steps, config.schedule)
     for group in state.optimiser.param_groups:
         group["lr"] = group["rate"] * factor
@@ -161,10 +179,8 @@ def _take_step(
     state.step = step + 1
     if shape_moves and (with_images or step % REFRESH_EVERY == 0):
         _decode_all(state, config)
-    if after_step is not None:
-        # The host waits for the device only here, so the measured seconds cover the whole step.
-        numbers = dict(zip(figures, torch.stack(list(figures.values())).tolist(), strict=True))
-        after_step(state, numbers | {"step": float(state.step), "seconds": time.perf_counter() - began})
+    if told is not None:
+        told.add(state.step, figures)
 
 
 def networks(model: HairModel) -> list[Parameter]:
@@ -190,24 +206,24 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     """
     model, device = state.model, state.remembered.device
     random = step_generator(config, state.step, 0)
-    index = torch.randperm(len(state.remembered), generator=random)[: config.strands_per_step].to(device)
-    chosen = torch.randint(len(data.segments), (config.targets_per_step,), generator=random).to(device)
+    chosen = StepStrands.drawn(len(state.remembered), config.strands_per_step, random, device)
+    targets = sent(torch.randint(len(data.segments), (config.targets_per_step,), generator=random), device)
     blur = blur_width(state.step, config.steps, config.schedule)
     released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
     if _shape_steps(state.step, config) % LOOK_EVERY == 0:
         state.seen = seen_points(model, state.remembered, data.views.cameras)
-    strands = hold_unreleased(model.decode(config.step_points, blur, index).points, released)
-    losses = shape_losses(strands, index, state.remembered, state.first, state.seen, data, chosen, config)
+    strands = hold_unreleased(model.decode(config.step_points, blur, chosen.index).points, released)
+    losses = shape_losses(strands, chosen, state.remembered, state.first, state.seen, data, targets, config)
     weights = config.weights
     total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
     if config.initialise == "flow":
         total = total + weights.first * losses.first
     figures = {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first")}
     if data.streaks:
-        streaks = _streak_part(state, data, strands, index, config, random)
+        streaks = _streak_part(state, data, strands, chosen.index, config, random)
         total, figures = total + weights.streaks * streaks, figures | {"streaks": streaks.detach()}
     (total / workers.count).backward()
-    state.remembered[index] = strands.detach()
+    state.remembered[chosen.index] = strands.detach()
     return figures
 
 
@@ -249,7 +265,8 @@ def _image_part(
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
         blur = appearance_blur_width(state.step, config.steps, config.schedule)
-        output = model.render(strands, target.camera, blur, state.volume(), surround_weights(target))
+        weighted = surround_weights(target)
+        output = model.render(strands, target.camera, blur, state.volume(), weighted, photographed=True)
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)
@@ -295,4 +312,4 @@ def _decode_all(state: FitState, config: FitConfig) -> None:
     """Decode all strands again after the shape has changed, for images and for the geometric loss."""
     state.show(state.model.decode().points)
     pick = torch.linspace(0, state.drawn.shape[1] - 1, config.step_points).round().long()
-    state.remembered = state.drawn[:, pick.to(state.drawn.device)].contiguous()
+    state.remembered = state.drawn[:, sent(pick, state.drawn.device)].contiguous()

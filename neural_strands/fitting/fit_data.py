@@ -1,7 +1,7 @@
 """Inputs of a fit: the training views, loaded one at a time, the line segments and the head."""
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Bool
@@ -12,7 +12,7 @@ from neural_strands.capture.check_views import doubled_poses
 from neural_strands.capture.hold_out import FEWEST_VIEWS, training_views
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.losses import OrientedTargets
-from neural_strands.fitting.photographs.regions import random_square
+from neural_strands.fitting.photographs.regions import MarkedPixels, random_square
 from neural_strands.fitting.photographs.streak_loss import Streaks, find_streaks
 from neural_strands.fitting.photographs.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.foundation.errors import InputError
@@ -44,6 +44,7 @@ class FitData:
         targets: points on the segments, indexed for the geometric loss.
         distance: signed distance to the head, on a grid around the hair.
         streaks: streaks of the training views; empty if the fit does not use them.
+        marked: the pixels that show hair, of the views that have been used so far.
     """
 
     views: Views
@@ -52,6 +53,7 @@ class FitData:
     targets: OrientedTargets
     distance: SignedDistanceGrid
     streaks: tuple[Streaks, ...] = ()
+    marked: dict[int, MarkedPixels] = field(default_factory=dict, repr=False, compare=False)
 
     def hair_pixels(self, target: View) -> Bool[Tensor, "height width"]:
         """Pixels of a view that show hair: its mask or, without one, the rasterised segments."""
@@ -123,12 +125,13 @@ def random_region(
 ) -> tuple[View, Trimap]:
     """Crop a random square around hair from a training view, with its reference alpha."""
     whole = data.views[view]
-    marked = data.hair_pixels(whole)
-    place = random_square(marked, (whole.camera.height, whole.camera.width), side, stride, random)
+    if view not in data.marked:
+        data.marked[view] = MarkedPixels.of(data.hair_pixels(whole))
+    place = random_square(data.marked[view], (whole.camera.height, whole.camera.width), side, stride, random)
     part = whole.cropped(place)
     if whole.hair_mask is not None:
         return part, reference_alpha(whole.hair_mask, place, trimap)
-    return part, trimap_of_part(marked, place, trimap)
+    return part, trimap_of_part(data.hair_pixels(whole), place, trimap)
 
 
 def check_views(capture: Capture) -> None:

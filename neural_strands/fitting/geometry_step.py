@@ -9,6 +9,7 @@ from torch import Tensor
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.losses import coverage_loss, head_penalty, holding_loss, surface_loss
+from neural_strands.foundation.devices.transfers import sent
 from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.strands import directions
 
@@ -30,6 +31,26 @@ class ShapeLosses:
     first: Float[Tensor, ""]
 
 
+@dataclass(frozen=True)
+class StepStrands:
+    """The strands of a step.
+
+    Attributes:
+        index: those that are decoded, in random order.
+        others: all others, in order.
+    """
+
+    index: Int64[Tensor, " some"]
+    others: Int64[Tensor, " other"]
+
+    @classmethod
+    def drawn(cls, count: int, some: int, random: torch.Generator, device: torch.device) -> "StepStrands":
+        """Draw `some` of `count` strands, or all if there are fewer; on the host, which need not wait then."""
+        index = torch.randperm(count, generator=random)[:some]
+        is_other = torch.ones(count, dtype=torch.bool).index_fill_(0, index, False)
+        return cls(sent(index, device), sent(is_other.nonzero().squeeze(1), device))
+
+
 def hold_unreleased(points: Float[Tensor, "strand point 3"], released: float) -> Float[Tensor, "strand point 3"]:
     """The same strands; only the `released` share of each, counted from its root, passes gradients on (root to tip)."""
     free = round(released * points.shape[1])
@@ -38,12 +59,12 @@ def hold_unreleased(points: Float[Tensor, "strand point 3"], released: float) ->
 
 def shape_losses(
     strands: Float[Tensor, "some point 3"],
-    index: Int64[Tensor, " some"],
+    chosen: StepStrands,
     remembered: Float[Tensor, "root point 3"],
     first: Float[Tensor, "root point 3"],
     seen: Bool[Tensor, "root point"],
     data: FitData,
-    chosen: Int64[Tensor, " target"],
+    targets: Int64[Tensor, " target"],
     config: FitConfig,
 ) -> ShapeLosses:
     """The geometric objective of the strands that a step decoded.
@@ -53,23 +74,21 @@ def shape_losses(
 
     Args:
         strands: decoded with a gradient.
-        index: which strands they are.
+        chosen: which strands they are.
         remembered: all strands as last decoded.
         first: all strands as they started.
         seen: which points of all strands are visible in some view.
         data: segments and head.
-        chosen: indices of the segment points used in this step.
+        targets: indices of the segment points used in this step.
         config: weights, radii and clearance.
     """
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
-    rest = torch.ones(len(remembered), dtype=torch.bool, device=index.device)
-    rest[index] = False
-    everything = PointGrid.build(torch.cat([points.detach(), remembered[rest].reshape(-1, 3)]), config.chamfer.radius)
+    others = remembered.index_select(0, chosen.others).reshape(-1, 3)
+    everything = PointGrid.build(torch.cat([points.detach(), others]), config.chamfer.radius)
+    seen = seen[chosen.index].reshape(-1)
     return ShapeLosses(
-        surface_loss(
-            points, along, seen[index].reshape(-1), everything, strands.shape[1], data.targets, config.chamfer
-        ),
-        coverage_loss(points, along, everything, data.targets, chosen, config.chamfer),
+        surface_loss(points, along, seen, everything, strands.shape[1], data.targets, config.chamfer),
+        coverage_loss(points, along, everything, data.targets, targets, config.chamfer),
         head_penalty(strands, data.distance, config.clearance),
-        holding_loss(strands, first[index], config.chamfer.unit),
+        holding_loss(strands, first[chosen.index], config.chamfer.unit),
     )

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.devices.selection import selected
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.point_queries import nearest
@@ -77,14 +78,14 @@ def surface_loss(
         targets: the line segments.
         config: radii and unit.
     """
-    visible = torch.nonzero(seen).squeeze(1)
-    _, index = nearest(points.detach()[visible], targets.grid, config.surface_radius)
-    near = index >= 0
-    near, index = visible[near], index[near]
-    _, first = nearest(targets.points[index], everything, config.occupied)
-    free = (first < 0) | (first // per_strand == near // per_strand)
-    near, index = near[free], index[free]
-    return _mean_misfit(points, directions, near, targets, index, config)
+    own, counts = selected(seen, (torch.arange(len(points), device=points.device), seen))
+    _, index = nearest(points.detach().index_select(0, own), targets.grid, config.surface_radius)
+    counts = counts & (index >= 0)
+    own, index, counts = selected(counts, (own, index.clamp(min=0), counts))
+    _, first = nearest(targets.points.index_select(0, index), everything, config.occupied)
+    counts = counts & ((first < 0) | (first // per_strand == own // per_strand))
+    own, index, counts = selected(counts, (own, index, counts))
+    return _mean_misfit(points, directions, own, targets, index, counts, config)
 
 
 def coverage_loss(
@@ -107,9 +108,9 @@ def coverage_loss(
         config: radii and unit.
     """
     distance, index = nearest(targets.points[chosen], everything, config.radius)
-    kept = torch.nonzero(torch.isfinite(distance) & (index < len(points))).squeeze(1)
-    index, chosen = index[kept], chosen[kept]
-    return _mean_misfit(points, directions, index, targets, chosen, config)
+    counts = torch.isfinite(distance) & (index < len(points))
+    index, chosen, counts = selected(counts, (torch.where(counts, index, 0), chosen, counts))
+    return _mean_misfit(points, directions, index, targets, chosen, counts, config)
 
 
 def rendering_loss(
@@ -157,15 +158,14 @@ def _mean_misfit(
     index: Int64[Tensor, " pair"],
     targets: OrientedTargets,
     chosen: Int64[Tensor, " pair"],
+    counts: Bool[Tensor, " pair"],
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
-    """Mean over pairs of distance and direction error; zero, with zero gradient, if there is no pair."""
+    """Mean distance and direction error of the pairs that count; zero, with zero gradient, if there are none."""
     # With `points[index]`, threads would sum gradients in an order that differs from run to run.
     points, directions = points.index_select(0, index), directions.index_select(0, index)
-    if len(index) == 0:
-        return points.sum() + directions.sum()
     offset = points - targets.points[chosen]
     distance = (offset.square().sum(dim=-1) + 1e-12).sqrt() / config.unit
     cosine = (directions * targets.directions[chosen]).sum(dim=-1)
     cosine = cosine if config.signed else cosine.abs()
-    return (distance + 1 - cosine).mean()
+    return torch.where(counts, distance + 1 - cosine, 0.0).sum() / counts.sum().clamp(min=1)

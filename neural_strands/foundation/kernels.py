@@ -83,9 +83,14 @@ def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Ten
 
     After such a loop torch's idle threads keep the cores busy for milliseconds, and the kernels need them.
     """
-    if device.type == "cpu":
+    if device.type == "cpu" and not torch.compiler.is_compiling():
         return torch.from_numpy(np.zeros(tuple(shape), torch.zeros(0, dtype=dtype).numpy().dtype))
     return torch.zeros(*shape, dtype=dtype, device=device)
+
+
+def cpu_threads() -> int:
+    """Number of threads between which a caller divides work; one while torch compiles, whose graphs would keep it."""
+    return 1 if torch.compiler.is_compiling() else torch.get_num_threads()
 
 
 @contextlib.contextmanager
@@ -210,6 +215,8 @@ def _numbers_of(value: Any) -> list[float | int]:
     """The numbers of a kernel's argument, in order."""
     if isinstance(value, int | float):
         return [value]
+    if isinstance(value, tuple):
+        return list(value)
     if hasattr(value, "_cls"):
         return [number for name in value._cls.vars for number in _numbers_of(getattr(value, name))]
     return np.array(value).ravel().tolist()

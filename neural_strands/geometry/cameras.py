@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from neural_strands.foundation.devices.transfers import sent
+
 OPENGL_TO_OPENCV = (1.0, -1.0, -1.0, 1.0)
 """Diagonal that converts OpenGL camera axes (y up, z backward) to OpenCV's and back."""
 
@@ -107,7 +109,9 @@ class Camera:
 
     def to(self, device: torch.device | str) -> "Camera":
         """Move both matrices to `device`."""
-        return replace(self, intrinsics=self.intrinsics.to(device), world_to_camera=self.world_to_camera.to(device))
+        return replace(
+            self, intrinsics=sent(self.intrinsics, device), world_to_camera=sent(self.world_to_camera, device)
+        )
 
     def transform(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """World metres to camera metres."""
@@ -159,8 +163,9 @@ class Camera:
 
     def resized(self, width: int, height: int) -> "Camera":
         """The same view with another number of pixels."""
-        scale = torch.diag(self.intrinsics.new_tensor([width / self.width, height / self.height, 1.0]))
-        return replace(self, intrinsics=scale @ self.intrinsics, width=width, height=height)
+        x, y, ahead = self.intrinsics
+        scaled = torch.stack([x * (width / self.width), y * (height / self.height), ahead])
+        return replace(self, intrinsics=scaled, width=width, height=height)
 
     def reduced(self, longest_side: int) -> "Camera":
         """The same view with at most `longest_side` pixels along the longer side, in proportion."""

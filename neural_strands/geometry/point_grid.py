@@ -62,8 +62,8 @@ class PointGrid:
         if count == 0:
             zero = torch.zeros(2, dtype=torch.int32, device=device)
             return cls(points, zero[:0], zero, (0.0, 0.0, 0.0), (0, 0, 0), radius, 0)
-        low, high = torch.aminmax(points, dim=0)
-        lower, upper = low.tolist(), high.tolist()
+        # One list of both corners: the host waits for the device only once.
+        lower, upper = torch.stack(torch.aminmax(points, dim=0)).tolist()
         if not all(math.isfinite(value) for value in (*lower, *upper)):
             raise ValueError("expected finite points, found some that are not")
         extent = [b - a for a, b in zip(lower, upper, strict=True)]

@@ -125,7 +125,7 @@ class VoxelGrid:
 
     def kernel_inputs(self) -> list[Any]:
         """The inputs of kernels for a grid: origin, spacing, shape."""
-        return [wp.vec3(*self.origin), self.spacing, wp.vec3i(*self.shape)]
+        return [self.origin, self.spacing, self.shape]
 
 
 def sample_reference(

@@ -189,6 +189,8 @@ class HairModel(nn.Module):
         volume: HairVolume | None = None,
         gradient_weights: SurroundWeights | None = None,
         light: LightChange | None = None,
+        photographed: bool = False,
+        room: int | None = None,
     ) -> RenderOutput:
         """Render strands from one view.
 
@@ -201,11 +203,14 @@ class HairModel(nn.Module):
             gradient_weights: weights of the gradients that body and background receive; by default the body receives
                 all of them, and the background those of pixels with almost no hair.
             light: how the light differs from that in which the appearance was fitted.
+            photographed: whether a photograph was taken from there, so that directions need not be rotated
+                (see `seen_directions`).
+            room: number of visible points for which there is room (`visible_points`); by default, for all.
 
         Raises:
             ValueError: the strands have no `root_uv`.
         """
-        hair = self.render_hair(strands, camera, blur, volume, light)
+        hair = self.render_hair(strands, camera, blur, volume, light, photographed, room)
         camera, factor, alpha = camera.to(self.root_uv.device), self.config.supersample, hair.alpha
         seen, lines = hair.drawing
         between = openings(seen.depth, lines.segment, factor)
@@ -220,7 +225,7 @@ class HairModel(nn.Module):
             background = weighted_gradient(background, gradient_weights.background)
         behind = skin + (1 - share) * background
         rgb = to_srgb(compose(hair.rgb, alpha, behind))
-        return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, lines, seen.depth)
+        return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, lines, seen.depth, hair.visible.found)
 
     def render_hair(
         self,
@@ -229,13 +234,15 @@ class HairModel(nn.Module):
         blur: float = 0.0,
         volume: HairVolume | None = None,
         light: LightChange | None = None,
+        photographed: bool = False,
+        room: int | None = None,
     ) -> HairImage:
         """Render the hair alone from one view; the arguments and errors are those of `render`."""
         # Computed before the camera moves to the device, so that the host need not wait for it.
-        turn = self.rotation_to_seen(camera)
+        turn = None if photographed else self.rotation_to_seen(camera)
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
-        visible = visible_points(drawing.lines, strands.points, self.config.supersample, strands.t)
+        visible = visible_points(drawing.lines, strands.points, self.config.supersample, strands.t, room)
         maps = self.splat_descriptors(strands, visible, camera, turn, blur, volume, light)
         rgb, alpha = self._hair(maps, camera, turn).split([3, 1], dim=2)
         coverage = (maps[0].coverage / self.config.supersample**2).clamp(max=1.0)
@@ -284,7 +291,7 @@ class HairModel(nn.Module):
         """Linear colour and opacity of the hair."""
         height, width = maps[0].coverage.shape
         part = Rectangle(0, 0, width, height)
-        if maps[0].coverage.device.type == "cpu":
+        if maps[0].coverage.device.type == "cpu" and not torch.compiler.is_compiling():
             # Only what hair can reach; on a GPU the host would have to wait for the size of that rectangle.
             part = hair_rectangle(maps[0].coverage, self.config.unet.stride)
             maps = [level_map.cropped(part.reduced(2**level)) for level, level_map in enumerate(maps)]
@@ -340,6 +347,8 @@ class HairModel(nn.Module):
 
     def rotation_to_seen(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
         """Rotation of the directions that networks see, for a camera far from all photographs; None near them."""
+        if len(self.seen_from) == 0:
+            return None
         turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
         return None if turn is None else turn.to(self.root_uv)
 

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from neural_strands.foundation.devices.transfers import sent
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 CELL = 0.005
@@ -89,7 +90,7 @@ def hair_volume(
     else:
         grid = VoxelGrid.filling(low, high, cell)
     cell, shape = grid.spacing, grid.shape
-    start = middle.new_tensor([first - 0.5 * cell for first in grid.origin])
+    start = sent(torch.tensor([first - 0.5 * cell for first in grid.origin], dtype=middle.dtype), middle.device)
     index = ((middle - start[:, None]) / cell).long().unbind(0)
     flat = (index[0] * shape[1] + index[1]) * shape[2] + index[2]
     finite = length.isfinite()

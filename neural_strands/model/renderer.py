@@ -1,6 +1,6 @@
 """Renders finished strands from any camera: a model, the strands that it shows, and the volume that shades them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import torch
@@ -12,6 +12,7 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import BakedLight, LightChange
 from neural_strands.model.outputs import HairImage, RenderOutput
+from neural_strands.model.part_room import PartRoom
 from neural_strands.model.thickness import strand_widths
 
 
@@ -28,6 +29,7 @@ class HairRenderer:
         fitted: for edited hair, the renderer of the hair on which the appearance was fitted; else None.
         light: for edited hair, the change of its light; else None.
         each: number of fitted strands that each strand stands for.
+        room: for the visible parts of strands of a frame on a GPU.
 
     Examples:
         >>> import neural_strands as ns
@@ -43,6 +45,7 @@ class HairRenderer:
     fitted: "HairRenderer | None" = None
     light: LightChange | None = None
     each: float = 1.0
+    room: PartRoom = field(default_factory=PartRoom, repr=False, compare=False)
 
     @classmethod
     @torch.no_grad()
@@ -77,7 +80,7 @@ class HairRenderer:
         each = self.each if each is None else each
         volume = hair_volume(strands.points, fitted.volume.grid, each)
         light = fitted._baked.changed(strands, volume)
-        return HairRenderer(self.model, strands, volume, fitted, light, each)
+        return HairRenderer(self.model, strands, volume, fitted, light, each, self.room)
 
     @torch.no_grad()
     def prepare_edits(self) -> None:
@@ -92,7 +95,11 @@ class HairRenderer:
             InputError: it does not fit.
         """
         check_frame_memory(self.strands, camera, self.model.config.supersample)
-        return self.model.render(self.strands, camera, volume=self.volume, light=self.light)
+        return self.room.rendered(
+            lambda room: self.model.render(self.strands, camera, volume=self.volume, light=self.light, room=room),
+            camera.width * camera.height,
+            self.strands.points.device,
+        )
 
     @torch.no_grad()
     def render_hair(self, camera: Camera) -> HairImage:

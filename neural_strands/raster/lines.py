@@ -122,7 +122,7 @@ def projection_matrix(camera: Camera, device: torch.device) -> Float32[Tensor, "
 
 def _planes(strands: int, device: torch.device) -> int:
     """Number of threads that draw, each into its own plane of keys."""
-    return max(min(torch.get_num_threads(), strands), 1) if device.type == "cpu" else 1
+    return max(min(kernels.cpu_threads(), strands), 1) if device.type == "cpu" else 1
 
 
 def _draw(

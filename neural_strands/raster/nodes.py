@@ -72,7 +72,8 @@ class VisibleNodes:
 def visible_nodes(visible: VisiblePoints, points: Float[Tensor, "strand point 3"]) -> VisibleNodes:
     """Find the nodes around visible points.
 
-    On CUDA there may be nodes that no point needs, because the host would have to wait for their number.
+    On CUDA there may be nodes that no point needs, because the host would have to wait for their number; likewise in
+    compiled graphs, whose sizes do not depend on data.
 
     Args:
         visible: the visible points.
@@ -96,7 +97,7 @@ def visible_nodes(visible: VisiblePoints, points: Float[Tensor, "strand point 3"
     ]
     kernels.launch_split(node_kernels.mark_nodes, len(visible), inputs, device)
     number = marks.cumsum(0, dtype=torch.int32)
-    if device.type == "cpu":
+    if device.type == "cpu" and not torch.compiler.is_compiling():
         place = torch.nonzero(marks).squeeze(1)
     else:
         most = min(2 * len(visible), total)

@@ -24,6 +24,9 @@ def whole_quads(features: Float[Tensor, "item channel"]) -> Float[Tensor, "item 
     if not missing:
         return features
     width = channels + missing
+    if torch.compiler.is_compiling():
+        # A graph knows nothing of the memory around a tensor.
+        return torch.nn.functional.pad(features, (0, missing))
     end = features.storage_offset() + items * width
     if features.stride() == (width, 1) and end * features.element_size() <= features.untyped_storage().nbytes():
         return features.as_strided((items, width), (width, 1))

@@ -154,7 +154,7 @@ def _accumulate(
     kernel = splat_kernels.accumulate_rows if as_rows else splat_kernels.accumulate
     vectors = _rows if as_rows else quads
     kernels.load(kernel, device)
-    bands = 1 if on_gpu else torch.get_num_threads()
+    bands = 1 if on_gpu else kernels.cpu_threads()
     count = max(channels // QUAD, 1)
     run = [] if as_rows else [1 if on_gpu else count]
     items = len(pixels) * (count if on_gpu else 1)

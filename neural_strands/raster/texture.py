@@ -14,6 +14,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
+from neural_strands.foundation.devices.transfers import sent
+
 NEGLIGIBLE = 1e-6
 """Frequencies that the blur attenuates to less than this are left out, and so are the outermost taps of this sum."""
 
@@ -111,7 +113,7 @@ def _blur_factors(count: int, sigma: float, dtype: torch.dtype, device: torch.de
     gain = torch.exp(sigma**2 * (torch.cos(frequency) - 1))
     kept = int((gain > NEGLIGIBLE).sum())
     # The fit's coarse-to-fine schedule changes sigma at every step, so caching the matrices would not help.
-    frequency, gain = frequency[:kept].to(device), gain[:kept].to(device)
+    frequency, gain = sent(torch.stack([frequency[:kept], gain[:kept]]), device).unbind(0)
     phase = frequency[:, None] * (torch.arange(count, dtype=torch.float64, device=device) + 0.5)
     cosines = torch.cos(phase) * math.sqrt(2.0 / count)
     cosines[0] /= math.sqrt(2.0)

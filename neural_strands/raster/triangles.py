@@ -96,7 +96,7 @@ def rasterise_triangles(
 
 def _draw_in_bands(inputs: list[Any], faces: int, height: int, keys: Any) -> None:
     """Draw on the CPU: each thread visits all faces for its own band of rows."""
-    kernel, bands = triangle_kernels.draw_triangles_in_lanes, torch.get_num_threads()
+    kernel, bands = triangle_kernels.draw_triangles_in_lanes, kernels.cpu_threads()
     kernels.load(kernel, "cpu")
     bounds = [height * band // bands for band in range(bands + 1)]
     kernels.run_together(

@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
+from neural_strands.foundation.devices.late_number import LateNumber
 from neural_strands.raster.kernels import fragments as fragment_kernels
 from neural_strands.raster.lines import LineBuffer
 
@@ -28,6 +29,8 @@ class VisiblePoints:
         world: position in world metres; its gradient goes to both ends of the segment.
         per_strand: number of segments of a strand.
         knots: parameters of the strands' points; None: evenly spaced.
+        found: number of points if there was room for a fixed one: the last of these points may have the weight 0, or
+            else points may be missing.
     """
 
     pixel: Int64[Tensor, " visible"]
@@ -37,6 +40,7 @@ class VisiblePoints:
     world: Float[Tensor, "visible 3"]
     per_strand: int
     knots: Float[Tensor, "strand point"] | None = None
+    found: LateNumber | None = None
 
     @functools.cached_property
     def strand(self) -> Int64[Tensor, " visible"]:
@@ -64,6 +68,7 @@ def visible_points(
     points: Float[Tensor, "strand point 3"],
     factor: int = 1,
     t: Float[Tensor, "strand point"] | None = None,
+    room: int | None = None,
 ) -> VisiblePoints:
     """Turn a line buffer into points on the strands from which it was drawn.
 
@@ -73,15 +78,17 @@ def visible_points(
         factor: line pixels per image pixel; those of one image pixel that see the same part of a strand become one
             point, at their mean position.
         t: parameter of every point (`Strands.t`), interpolated at visible points; None: evenly spaced.
+        room: number of points in the result, so that the host need not wait for it; None: as many as are seen.
 
     Raises:
         ValueError: the buffer's sides are not multiples of the factor.
     """
     segments = points.shape[1] - 1
-    pixel, segment, position, weight = _parts(buffer, segments, factor)
+    *parts, found = _parts(buffer, segments, factor, room)
+    pixel, segment, position, weight = parts
     start = segment + torch.div(segment, segments, rounding_mode="floor")
     world = _blend_ends(points, start, position)
-    return VisiblePoints(pixel, segment, position, weight, world, segments, t)
+    return VisiblePoints(pixel, segment, position, weight, world, segments, t, found)
 
 
 def interpolate_knots(
@@ -116,15 +123,22 @@ def _blend_ends(
 
 
 def _parts(
-    buffer: LineBuffer, per_strand: int, factor: int
+    buffer: LineBuffer, per_strand: int, factor: int, room: int | None
 ) -> tuple[
-    Int64[Tensor, " visible"], Int64[Tensor, " visible"], Float32[Tensor, " visible"], Float32[Tensor, " visible"]
+    Int64[Tensor, " visible"],
+    Int64[Tensor, " visible"],
+    Float32[Tensor, " visible"],
+    Float32[Tensor, " visible"],
+    LateNumber | None,
 ]:
-    """Parts of strands that image pixels see: pixel, segment, position on the segment, number of line pixels."""
-    if factor == 1:
+    """Parts of strands that image pixels see: pixel, segment, position on the segment, number of line pixels.
+
+    Last, their number, if there is room for a fixed one.
+    """
+    if factor == 1 and room is None:
         pixel = torch.nonzero(buffer.segment.view(-1) >= 0).squeeze(1)
         segment, position = (plane.view(-1).index_select(0, pixel) for plane in (buffer.segment, buffer.position))
-        return pixel, segment, position, torch.ones_like(position)
+        return pixel, segment, position, torch.ones_like(position), None
     height, width = (side // factor for side in buffer.segment.shape)
     if (height * factor, width * factor) != tuple(buffer.segment.shape):
         raise ValueError(f"a line buffer of {tuple(buffer.segment.shape)} has no whole pixels of {factor} x {factor}")
@@ -133,10 +147,10 @@ def _parts(
     count = torch.zeros(height * width, dtype=torch.int32, device=device)
     kernels.launch_split(fragment_kernels.count_parts, len(count), [segment, *sizes, kernels.array(count)], device)
     end = count.cumsum(0, dtype=torch.int32)
-    found = int(end[-1])
-    pixels, segments = (torch.zeros(found, dtype=torch.int64, device=device) for _ in range(2))
-    positions, weights = (torch.zeros(found, dtype=torch.float32, device=device) for _ in range(2))
+    found, size = (None, int(end[-1])) if room is None else (LateNumber(end[-1]), room)
+    pixels, segments = (torch.zeros(size, dtype=torch.int64, device=device) for _ in range(2))
+    positions, weights = (torch.zeros(size, dtype=torch.float32, device=device) for _ in range(2))
     outputs = [kernels.array(plane) for plane in (count, end - count, pixels, segments, positions, weights)]
-    inputs = [segment, kernels.array(buffer.position), *sizes, *outputs]
+    inputs = [segment, kernels.array(buffer.position), *sizes, size, *outputs]
     kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
-    return pixels, segments, positions, weights
+    return pixels, segments, positions, weights, found

@@ -268,6 +268,11 @@ def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
     return state
 
 
+def steps_per_reading(device: torch.device) -> int:
+    """Number of steps after which the device is asked for their figures; while a GPU answers, it gets no new work."""
+    return 1 if device.type == "cpu" else 10
+
+
 def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback) -> None:
     """The loop, with the log, checkpoints and previews around it."""
     folder, config = run.folder, run.config
@@ -281,6 +286,9 @@ def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback)
         if log is None:
             return
         log.add(figures)
+        if figures["step"] < now.step:
+            # The log must have the figures of all steps of a checkpoint.
+            return
         clock = time.monotonic()
         if clock - saved > CHECKPOINT_SECONDS:
             log.flush()
@@ -291,7 +299,7 @@ def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback)
             shown = clock
 
     try:
-        fit(state, data, config, run.perceptual, run.workers, after_step)
+        fit(state, data, config, run.perceptual, run.workers, after_step, steps_per_reading(run.device))
     finally:
         if log is not None:
             log.flush()

@@ -33,6 +33,14 @@ def test_near_photographs_nothing_turns():
     assert turn_to_seen(direction(20), ring) is None
 
 
+def test_no_photograph_turns(generator):
+    # A fit relies on this: it renders photographs' cameras without asking.
+    for count in (1, 2, 30):
+        places = torch.randn(count, 3, generator=generator)
+        seen = seen_from(places, torch.zeros(3))
+        assert [turn_to_seen(place, seen) for place in places] == [None] * count
+
+
 def test_from_behind_the_hair_is_turned_about_the_vertical():
     turn = turn_to_seen(direction(180, 10), arc(45, 10))
     assert turn is not None

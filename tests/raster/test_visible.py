@@ -100,6 +100,28 @@ def test_a_buffer_that_holds_no_whole_pixels_is_refused(generator, camera):
         visible_points(rasterise_lines(points, camera), points, 7)
 
 
+@pytest.mark.parametrize("factor", [1, 2])
+def test_points_have_as_much_room_as_is_given(generator, camera, device, factor):
+    points, camera = wavy(generator).to(device), camera.to(device)
+    buffer = rasterise_lines(points, camera)
+    exact = visible_points(buffer, points, factor)
+    names, count = ("pixel", "segment", "position", "weight", "world"), len(exact)
+    roomy = visible_points(buffer, points, factor, room=count + 7)
+    assert exact.found is None
+    assert roomy.found.read() == count > 20
+    assert len(roomy) == count + 7
+    assert not roomy.weight[count:].cpu().any()
+    for name in names:
+        torch.testing.assert_close(getattr(roomy, name)[:count].cpu(), getattr(exact, name).cpu(), atol=1e-6, rtol=0)
+    tight = visible_points(buffer, points, factor, room=count - 7)
+    assert tight.found.read() == count
+    assert len(tight) == count - 7
+    kept = int((tight.weight.cpu() > 0).sum())
+    assert kept > count - 20
+    for name in names:
+        assert torch.equal(getattr(tight, name)[:kept].cpu(), getattr(roomy, name)[:kept].cpu()), name
+
+
 def blended(values, visible):
     """Values given at the strands' points, blended between the ends of each visible point's segment."""
     ends = values[visible.strand, visible.vertex], values[visible.strand, visible.vertex + 1]

@@ -4,6 +4,7 @@ import itertools
 import re
 import shutil
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
@@ -22,6 +23,7 @@ from neural_strands.runs import forecast as forecast_module
 from neural_strands.runs import run_fit as run_fit_module
 from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.runs.run_folder import RunFolder
+from neural_strands.runs.run_log import read_log
 
 CPU = torch.device("cpu")
 
@@ -121,6 +123,30 @@ def test_progress_reaches_the_end(request_of):
     assert all(loop.complete for loop in counted.loops)
     assert (counted.loops[-1].title, counted.loops[-1].total) == ("fitting", 4)
     assert {"smoothing growth directions", "spreading hair over its room"} < {loop.title for loop in counted.loops}
+
+
+@pytest.mark.parametrize("stopped_at", [None, 6])
+def test_the_log_has_the_figures_of_every_step_of_a_checkpoint(request_of, monkeypatch, stopped_at):
+    config, out = tiny_config(steps=7, initialise="mean"), request_of("run").out
+    save, take, seen = run_fit_module.save_checkpoint, fit_module._take_step, []
+
+    def watched(state, path):
+        seen.append((state.step, [int(row["step"]) for row in read_log(RunFolder(out).log)]))
+        save(state, path)
+
+    def stopping(state, *rest):
+        if RunFolder(out).description.is_file() and state.step == stopped_at:
+            raise KeyboardInterrupt
+        take(state, *rest)
+
+    monkeypatch.setattr(run_fit_module, "steps_per_reading", lambda _: 3)
+    monkeypatch.setattr(run_fit_module, "CHECKPOINT_SECONDS", -1.0)
+    monkeypatch.setattr(run_fit_module, "save_checkpoint", watched)
+    monkeypatch.setattr(fit_module, "_take_step", stopping)
+    with pytest.raises(KeyboardInterrupt) if stopped_at else nullcontext():
+        run_fit(request_of("run"), config, CPU, Feedback())
+    assert [step for step, _ in seen] == [0, 3, 6, *([6] if stopped_at else [7, 7])]
+    assert all(rows == list(range(1, step + 1)) for step, rows in seen)
 
 
 def test_a_resumed_fit_traces_no_strands_again(request_of, monkeypatch):

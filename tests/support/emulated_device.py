@@ -164,13 +164,11 @@ def _count(func: Any, args: Any) -> None:
         waits[f"{func} by a mask"] += 1
     elif any(not on_device(index) for index in masks):
         waits[f"{func} by an index on the CPU"] += 1
-    elif func is aten.copy_.default and on_device(args[0]) != on_device(args[1]) and not _is_without_waiting(*args[1:]):
-        waits["copy_ between devices"] += 1
-
-
-def _is_without_waiting(source: Tensor, non_blocking: bool = False) -> bool:
-    """Whether a copy to the other device goes on while the host does; memory of the host has to be pinned for that."""
-    return non_blocking and (on_device(source) or getattr(source, "pinned", False))
+    elif func is aten.copy_.default and on_device(args[0]) != on_device(args[1]):
+        # A copy goes on while the host does if it is asked to, and if the host's memory is pinned.
+        host = args[1] if on_device(args[0]) else args[0]
+        if not (any(args[2:]) and getattr(host, "pinned", False)):
+            waits["copy_ between devices"] += 1
 
 
 def pin_memory(tensor: Tensor) -> Tensor:
@@ -196,7 +194,8 @@ def moved(tensor: Tensor, to_device: bool, non_blocking: bool = False) -> Tensor
     """The tensor on one device, itself if it is there already."""
     if on_device(tensor) == to_device:
         return tensor
-    if not _is_without_waiting(tensor, non_blocking):
+    # To the CPU, torch takes pinned memory itself.
+    if not (non_blocking and (getattr(tensor, "pinned", False) or not to_device)):
         waits["to the device" if to_device else "to the CPU"] += 1
     return _Move.apply(tensor)
 
@@ -305,6 +304,16 @@ def load(path: Any, map_location: Any = None, **kwargs: Any) -> Any:
     return content if map_location is None else tree_map_only(Tensor, lambda value: value.to(map_location), content)
 
 
+class _Event:
+    """A place in the queue of a device that has done everything by the time."""
+
+    def record(self) -> None:
+        pass
+
+    def synchronize(self) -> None:
+        waits["an event"] += 1
+
+
 class _HashGrid(wp.HashGrid):
     """A hash grid that may be asked for on the emulated device."""
 
@@ -349,6 +358,7 @@ def emulated_cuda() -> Iterator[torch.device]:
         (torch.cuda, "current_device", lambda: 0),
         (torch.cuda, "current_stream", lambda *_: stream),
         (torch.cuda, "synchronize", lambda *_: None),
+        (torch.cuda, "Event", _Event),
         (torch.cuda, "reset_peak_memory_stats", lambda *_: None),
         (torch.cuda, "max_memory_allocated", lambda *_: 0),
         # A parameter that is moved becomes a new one, because its memory cannot be replaced by that of a wrapper.

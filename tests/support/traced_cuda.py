@@ -51,8 +51,9 @@ class _Waits(TorchDispatchMode):
         if func is aten.copy_.default or func is aten._to_copy.default:
             source = args[1] if func is aten.copy_.default else first
             target = first.device if func is aten.copy_.default else kwargs.get("device", first.device)
-            if isinstance(source, FakeTensor) and source.device.type == "cuda" and torch.device(target).type == "cpu":
-                self.counts["to the CPU"] += 1
+            places = source.device.type, torch.device(target).type
+            if isinstance(source, FakeTensor) and places[0] != places[1] and not _is_queued(func, args, kwargs):
+                self.counts["to the CPU" if places[1] == "cpu" else "to the device"] += 1
         return func(*args, **kwargs)
 
 
@@ -68,8 +69,10 @@ class _Methods(TorchFunctionMode):
             return NUMBERS[func](aten._local_scalar_dense(args[0]))
         if func is Tensor.tolist and isinstance(args[0], FakeTensor):
             return _listed(args[0])
+        if func is Tensor.pin_memory:
+            return args[0]
         if func is Tensor.copy_ and isinstance(args[0], FakeTensor):
-            return aten.copy_(*args[:2])
+            return aten.copy_(*args, **(kwargs or {}))
         if func is functional.grid_sample and isinstance(args[0], FakeTensor):
             # One kernel on a device; traced, it is taken apart into subscripts, which end in C++.
             return aten.new_empty(args[0], [*args[0].shape[:2], *args[1].shape[1:-1]])
@@ -118,6 +121,11 @@ def _viewed(tensor: Tensor, index: Any) -> tuple[Tensor, list[Tensor | None] | N
     return tensor, indices if any(each is not None for each in indices) else None
 
 
+def _is_queued(func: Any, args: Any, kwargs: Any) -> bool:
+    """Whether a copy between devices is asked to go on while the host does."""
+    return bool(kwargs.get("non_blocking", func is aten.copy_.default and any(args[2:])))
+
+
 def _is_mask(part: Any) -> bool:
     return isinstance(part, Tensor) and part.dtype == torch.bool
 
@@ -142,7 +150,11 @@ def traced_cuda() -> Iterator[tuple[FakeTensorMode, Counter[str]]]:
     """
     # Without CUDA, autocast of the device only warns that it does nothing.
     still = mock.patch.object(torch, "autocast", return_value=contextlib.nullcontext())
-    with still, torch.no_grad(), FakeTensorMode(allow_non_fake_inputs=True) as mode, _Waits() as waits, _Methods():
+    waits = _Waits()
+    event = mock.MagicMock()
+    event.synchronize.side_effect = lambda: waits.counts.update(["an event"])
+    events = mock.patch.object(torch.cuda, "Event", return_value=event)
+    with still, events, torch.no_grad(), FakeTensorMode(allow_non_fake_inputs=True) as mode, waits, _Methods():
         yield mode, waits.counts
 
 

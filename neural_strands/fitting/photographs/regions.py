@@ -1,14 +1,47 @@
 """The part of a photograph that a step of the fit uses, and the part of that which carries a loss."""
 
+from dataclasses import dataclass
+
+import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Int64
 from torch import Tensor
 
 from neural_strands.geometry.rectangle import Rectangle
 
 
+@dataclass(frozen=True)
+class MarkedPixels:
+    """The marked pixels of an image on the host, as runs of consecutive ones row after row.
+
+    There are few runs, so they can be kept for every photograph; a GPU has to be asked for them only once.
+
+    Attributes:
+        start: index of each run's first pixel, row * width + column.
+        before: number of marked pixels before each run, followed by that of all.
+    """
+
+    start: Int64[np.ndarray, " run"]
+    before: Int64[np.ndarray, " run_and_end"]
+
+    @classmethod
+    def of(cls, marked: Bool[Tensor, "height width"]) -> "MarkedPixels":
+        """Find the runs."""
+        flat = np.pad(marked.cpu().numpy().ravel().astype(np.int8), 1)
+        start, end = np.flatnonzero(np.diff(flat)).astype(np.int64).reshape(-1, 2).T
+        return cls(start, np.concatenate([np.zeros(1, np.int64), np.cumsum(end - start)]))
+
+    def __len__(self) -> int:
+        return int(self.before[-1])
+
+    def __getitem__(self, number: int) -> int:
+        """Index of the marked pixel with this number, counted from 0 row after row."""
+        run = int(np.searchsorted(self.before, number, side="right")) - 1
+        return int(self.start[run] + number - self.before[run])
+
+
 def random_square(
-    marked: Bool[Tensor, "height width"] | None, size: tuple[int, int], side: int, stride: int, random: torch.Generator
+    marked: MarkedPixels | None, size: tuple[int, int], side: int, stride: int, random: torch.Generator
 ) -> Rectangle:
     """Choose a square around a random marked pixel, aligned to the image generator's levels.
 
@@ -23,10 +56,8 @@ def random_square(
     row, column = height // 2, width // 2
     if marked is None:
         row, column = (int(torch.randint(length, (1,), generator=random)) for length in size)
-    else:
-        inside = marked.flatten().nonzero().squeeze(1)
-        if len(inside):
-            row, column = divmod(int(inside[int(torch.randint(len(inside), (1,), generator=random))]), width)
+    elif len(marked):
+        row, column = divmod(marked[int(torch.randint(len(marked), (1,), generator=random))], width)
     across, down = min(side, width), min(side, height)
     left = _aligned(column - across // 2, width - across, stride)
     top = _aligned(row - down // 2, height - down, stride)

@@ -14,6 +14,8 @@ from jaxtyping import Bool, Float, Float16, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.devices.selection import selected
+from neural_strands.foundation.devices.transfers import sent
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import View
 from neural_strands.lmvs.orientation import OrientationConfig, luma, orientation_map
@@ -93,20 +95,22 @@ def streak_loss(
         pixels: number of pixels drawn in each view.
         random: draws them.
     """
-    total, pairs = strands.new_zeros(()), 0
+    total, pairs = strands.new_zeros(()), row.new_zeros(())
     for streaks, front in zip(views, fronts, strict=True):
         if len(streaks.pixel) == 0:
             continue
-        drawn = torch.randint(len(streaks.pixel), (pixels,), generator=random).to(strands.device)
+        drawn = sent(torch.randint(len(streaks.pixel), (pixels,), generator=random), strands.device)
         segment = front.reshape(-1)[streaks.pixel[drawn].long()]
         place = torch.where(segment >= 0, row[segment.clamp(min=0) // (strands.shape[1] - 1)], -1)
-        kept = torch.nonzero(place >= 0).squeeze(1)
-        start = place[kept] * strands.shape[1] + segment[kept] % (strands.shape[1] - 1)
+        counts = place >= 0
+        # What does not count is at a root, which no camera has in its plane: its gradient is zero, not undefined.
+        start = torch.where(counts, place * strands.shape[1] + segment % (strands.shape[1] - 1), 0)
+        start, drawn, counts = selected(counts, (start, drawn, counts))
         # With `strands[place, point]`, threads would sum gradients in an order that differs from run to run.
         ends = strands.reshape(-1, 3).index_select(0, torch.cat([start, start + 1])).view(2, -1, 3)
-        misfit = _weighted_sine(ends[0], ends[1], streaks, drawn[kept])
-        total, pairs = total + misfit.sum(), pairs + len(kept)
-    return total / max(pairs, 1)
+        misfit = _weighted_sine(ends[0], ends[1], streaks, drawn)
+        total, pairs = total + torch.where(counts, misfit, 0.0).sum(), pairs + counts.sum()
+    return total / pairs.clamp(min=1)
 
 
 def _weighted_sine(

@@ -72,6 +72,7 @@ def gather_parts(
     width: int,
     factor: int,
     per_strand: int,
+    room: int,
     counts: wp.array[int],
     places: wp.array[int],
     pixels: wp.array[wp.int64],
@@ -81,11 +82,12 @@ def gather_parts(
 ) -> None:
     """List the parts that an image pixel sees, with their mean point and the number of line pixels that see them.
 
+    Pixels whose parts do not all have room are left out.
     Until all line pixels have been seen, `segments` and `pixels` hold the first and last segment of a part, and
     `positions` the sum of positions.
     """
     pixel = start + wp.tid()
-    if counts[pixel] == 0:
+    if counts[pixel] == 0 or places[pixel] + counts[pixel] > room:
         return
     top = pixel // width * factor
     left = pixel % width * factor

@@ -118,20 +118,26 @@ def test_two_views_tell_the_direction_in_space():
     assert float((found @ true).abs()) > math.cos(math.radians(3))
 
 
-def test_what_is_hidden_or_not_decoded_has_no_gradient():
-    strands = lines_of(torch.tensor([0.3, 1.0, 0.0])).requires_grad_()
-    front = streaks_everywhere(FRONT, 0.0)
+def placed(streaks, device):
+    tensors = {name: getattr(streaks, name).to(device) for name in ("camera", "pixel", "streak", "body")}
+    return replace(streaks, **tensors)
+
+
+def test_what_is_hidden_or_not_decoded_has_no_gradient(device):
+    strands = lines_of(torch.tensor([0.3, 1.0, 0.0])).to(device).requires_grad_()
+    front = placed(streaks_everywhere(FRONT, 0.0), device)
     row = torch.full((9,), -1)
     row[4] = 0
-    part = strands[4:5]
-    segment = rasterise_lines(strands.detach(), FRONT).segment
+    row, part = row.to(device), strands[4:5]
+    segment = rasterise_lines(strands.detach(), front.camera).segment
     streak_loss(part, row, [front], [segment], 20_000, torch.Generator().manual_seed(0)).backward()
     assert strands.grad is not None
-    moved = strands.grad.abs().sum(dim=(1, 2)) > 0
+    moved = strands.grad.cpu().abs().sum(dim=(1, 2)) > 0
     assert moved.tolist() == [place == 4 for place in range(9)]
     nothing = streak_loss(part, row, [front], [torch.full_like(segment, -1)], 20_000, torch.Generator().manual_seed(0))
     assert float(nothing.detach()) == 0.0
-    empty = Streaks(FRONT, torch.zeros(0, dtype=torch.int32), torch.zeros(0, 2).half(), torch.zeros(0))
+    none = Streaks(FRONT, torch.zeros(0, dtype=torch.int32), torch.zeros(0, 2).half(), torch.zeros(0))
+    empty = placed(none, device)
     assert float(streak_loss(part, row, [empty], [segment], 100, torch.Generator()).detach()) == 0.0
 
 
