@@ -164,7 +164,8 @@ def with_seen_roots(
     draw = torch.rand(len(roots), generator=generator, device=generator.device).to(beside)
     leaving_last = torch.where(beside.isfinite(), draw - 1, draw).argsort()
     mixed = torch.randperm(len(roots), generator=generator, device=generator.device).to(seen.device)
-    return roots.select(leaving_last[len(seen) :]).joined(attach_roots(head, seen)).select(mixed)
+    found = attach_roots(head.to("cpu"), seen.cpu()).to(seen.device)
+    return roots.select(leaving_last[len(seen) :]).joined(found).select(mixed)
 
 
 def find_course(
