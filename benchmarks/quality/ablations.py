@@ -1,36 +1,42 @@
 """The effect of each part of the fit: variants with one change, on one capture, side by side.
 
-    python benchmarks/quality/ablations.py CAPTURE OUT [--only NAME ...] [--steps 300] [--positions-prior FILE]
+    python benchmarks/quality/ablations.py CAPTURE OUT [--only NAME ...] [--steps 300] [--seeds 3]
+        [--positions-prior FILE]
 
-All variants share line segments (made once, kept in OUT), seed and number of steps. A variant that is finished in OUT
-is not run again, one that was stopped goes on from its checkpoint. Writes OUT/table.txt, OUT/table.json and
-OUT/ablations.png: the strands of each variant and its rendering of a held-out view, beside the photograph.
+All variants of a seed share line segments (made once, kept in OUT/seed_N) and number of steps. A variant that is
+finished in OUT is not run again, one that was stopped goes on from its checkpoint. Writes OUT/table.md (means over the
+seeds, ± half of their range), OUT/table.json and OUT/ablations.png: the strands of each variant and its rendering of a
+held-out view, beside the photograph, for the first seed.
 
-Shape: "full"; "no coarse-to-fine, no root-to-tip"; "geometry alone" (images train the appearance, not the strands);
-"positions" (a generator whose output is positions, not gradients: FILE is what `neural-strands train-prior FILE
---config.generator.synthesiser.output position` wrote). Images: "random networks" (a start without what the shipped
-ones have learned); "strided UNet", which starts from random weights, too; "no alpha loss". These begin from strands
+Shape: "full"; "no LMVS" (strands start from hair that hangs within the masks, and no loss compares them with segments);
+"no coarse-to-fine, no root-to-tip"; "geometry alone" (images train the appearance, not the strands); "geometry alone,
+no streaks" (nor do the photographs' streaks turn them); "positions" (a generator whose output is positions, not
+gradients: FILE is what `neural-strands train-prior FILE --config.generator.synthesiser.output position` wrote). Images:
+"random networks" (a start without what the shipped ones have learned); "strided UNet", which starts from random
+weights, too; "no UNet" (splatted colours and their coverage are the picture); "no alpha loss". These begin from strands
 traced through the segments, which leaves little to the order in which shape is freed; so the paper's start, its mean
 strand at every root, is run with its coarse-to-fine and root-to-tip schedule and without.
 """
 
 import json
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import table_rows as rows
 import torch
 import tyro
+from ablation_variants import Variant, full_config, variants
+from hanging_hair import hanging_segments
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
-from neural_strands.fitting.config import FitConfig, Preset, preset
+from neural_strands.fitting.config import FitConfig, Preset
 from neural_strands.fitting.first_model import fit_prior
-from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.fitting.stereo import find_segments, segments_source
 from neural_strands.foundation.files import atomic_file, write_json
 from neural_strands.foundation.progress import Feedback, track
@@ -49,53 +55,15 @@ MARGIN = 0.06
 """Share of the picture's side that is shown around the hair."""
 
 
-@dataclass(frozen=True)
-class Variant:
-    """One column of the table.
-
-    Attributes:
-        config: of its fit.
-        prior: weights of its strand prior, if they are not the package's.
-    """
-
-    config: FitConfig
-    prior: Path | None = None
-
-
-def variants(base: FitConfig, positions: Path | None) -> dict[str, Variant]:
-    """All variants by name; `positions` are the weights of a generator of positions, if there are any."""
-    free = replace(base.schedule, widest_blur=0.0, release_until=0.0)
-    strided = replace(base.model, unet=replace(base.model.unet, alias_free=False))
-    mean = mean_start(base)
-    at_once = replace(mean.schedule, widest_blur=0.0, release_until=0.0)
-    configs = {
-        "full": Variant(base),
-        "no coarse-to-fine, no root-to-tip": Variant(replace(base, schedule=free)),
-        "geometry alone": Variant(replace(base, weights=replace(base.weights, shape_from_image=0.0))),
-        "positions": Variant(base, positions),
-        "random networks": Variant(replace(base, networks="random")),
-        "strided UNet": Variant(replace(base, model=strided, networks="random")),
-        "no alpha loss": Variant(replace(base, weights=replace(base.weights, alpha=0.0))),
-        "mean start": Variant(mean),
-        "mean start, no coarse-to-fine, no root-to-tip": Variant(replace(mean, schedule=at_once)),
-    }
-    return {name: variant for name, variant in configs.items() if name != "positions" or positions is not None}
-
-
-def mean_start(base: FitConfig) -> FitConfig:
-    """The paper's start: strands far from the segments, which see each other from farther away and learn faster."""
-    schedule = ScheduleConfig(geometry_only=base.schedule.geometry_only)
-    chamfer = replace(base.chamfer, radius=0.05, surface_radius=0.01)
-    rates = replace(base.rates, shape=5 * base.rates.shape)
-    return replace(base, initialise="mean", schedule=schedule, chamfer=chamfer, rates=rates)
-
-
-def shared_segments(capture: Capture, out: Path, config: FitConfig) -> Path:
-    """Load or make the line segments of the training views."""
-    path = out / "segments.npz"
+def shared_segments(capture: Capture, out: Path, config: FitConfig, stereo: bool = True) -> Path:
+    """Load or make the line segments of the training views: by stereo, or those of hair that hangs."""
+    path = out / ("segments.npz" if stereo else "hanging.npz")
     if not path.is_file():
-        seen = capture.subset(training_views(len(capture), config.hold_out_every))
-        segments = find_segments(seen, find_head(capture, None), config, out / "lmvs", track)
+        seen, head = capture.subset(training_views(len(capture), config.hold_out_every)), find_head(capture, None)
+        if stereo:
+            segments = find_segments(seen, head, config, out / "lmvs", track)
+        else:
+            segments = hanging_segments(seen.views_on(), head, config)
         save_segments(path, segments, segments_source(seen, config))
     return path
 
@@ -105,19 +73,26 @@ def folder_name(name: str) -> str:
     return "_".join("".join(letter if letter.isalnum() else " " for letter in name).split())
 
 
-def run_variant(name: str, variant: Variant, capture: Path, out: Path) -> None:
-    """Fit, evaluate and draw one variant, unless it is finished; OUT/NAME/figures.json is written last."""
+def run_variant(name: str, variant: Variant, capture: Capture, out: Path) -> None:
+    """Fit, evaluate and draw one variant, unless it is finished; NAME/figures.json in `out` is written last."""
     run = out / folder_name(name)
     finished = run / "figures.json"
     described = json.loads(
-        json.dumps({**asdict(variant.config), "prior": weights_digest(fit_prior(variant.prior, CPU))})
+        json.dumps(
+            {
+                **asdict(variant.config),
+                "prior": weights_digest(fit_prior(variant.prior, CPU)),
+                "segments of stereo": variant.stereo,
+            }
+        )
     )
     if finished.is_file():
         if json.loads(finished.read_text())["described"] != described:
             raise SystemExit(f"{run}: was made with other settings; delete it, or choose another folder")
         return
+    segments = shared_segments(capture, out, variant.config, variant.stereo)
     start = time.perf_counter()
-    request = FitRequest(capture, run, segments=out / "segments.npz", resume=True, prior=variant.prior)
+    request = FitRequest(capture.folder, run, segments=segments, resume=True, prior=variant.prior)
     feedback = Feedback(lambda sentence: print(f"{name}: {sentence}", flush=True), track)
     state = run_fit(request, variant.config, CPU, feedback)
     seconds = time.perf_counter() - start
@@ -143,27 +118,6 @@ def drawn_strands(contents: RunContents) -> torch.Tensor:
     return lines_picture(points, camera, contents.head.mesh)
 
 
-def table(results: dict[str, dict]) -> str:
-    """One line per variant."""
-    wide = max(len(name) for name in results)
-    names = list(next(iter(results.values()))["strands"])
-    lines = ["precision / recall / F, strand consistency (percent, unsigned); hair region of held-out views; minutes"]
-    heads = "".join(f"{name:>28}" for name in names[:3])
-    lines.append(f"{'':{wide}}{heads}  inside %   PSNR   SSIM  LPIPS   min")
-    for name, row in results.items():
-        cells = ""
-        for scores in list(row["strands"].values())[:3]:
-            three = " / ".join(f"{scores[key]:.1f}" for key in ("precision", "recall", "f_score"))
-            cells += f"{three}, {scores['strand_consistency']:.1f}".rjust(28)
-        views = row["held_out_views"]
-        lpips = "absent" if views["lpips"] is None else f"{views['lpips']:.4f}"
-        lines.append(
-            f"{name:{wide}}{cells}{row['inside_head_percent']:10.2f}{views['psnr']:7.2f}{views['ssim']:7.3f} {lpips:>6}"
-            f"{row['seconds'] / 60:6.1f}"
-        )
-    return "\n".join(lines) + "\n"
-
-
 def hair_part(capture: Capture, index: int) -> tuple[slice, slice]:
     """Rows and columns of a square around the hair of a view."""
     mask = capture.hair_mask(index)
@@ -176,8 +130,8 @@ def hair_part(capture: Capture, index: int) -> tuple[slice, slice]:
     return slice(top, top + side), slice(left, left + side)
 
 
-def contact_sheet(names: list[str], capture: Capture, out: Path) -> None:
-    """OUT/ablations.png: the photograph and the true strands, then each variant's rendering and strands."""
+def contact_sheet(names: list[str], capture: Capture, out: Path) -> torch.Tensor:
+    """The photograph and the true strands, then the rendering and strands of each variant in `out`."""
     contents = open_run(out / folder_name(names[0]), CPU)
     camera = capture.cameras[shown_view(contents)]
     truth = capture.ground_truth
@@ -197,20 +151,27 @@ def contact_sheet(names: list[str], capture: Capture, out: Path) -> None:
         axes[row, column].set_title(name, fontsize=9)
         for offset, file in enumerate(("rendered", "strands")):
             axes[row + offset, column].imshow(imread(out / folder_name(name) / f"{file}.png")[part])
-    write_png(out / "ablations.png", figure_image(figure))
+    return figure_image(figure)
 
 
-def write_results(names: list[str], capture: Capture, out: Path) -> None:
-    """The tables and the contact sheet of every variant that is finished."""
-    results = {}
+def write_results(names: list[str], capture: Capture, out: Path, seeds: range) -> None:
+    """The tables, and the contact sheet of the first seed, of every variant that is finished."""
+    results: dict[str, list[dict[str, Any]]] = {}
     for name in names:
-        finished = out / folder_name(name) / "figures.json"
-        if finished.is_file():
-            results[name] = json.loads(finished.read_text())
+        finished = [seed_folder(out, seed) / folder_name(name) / "figures.json" for seed in seeds]
+        if found := [json.loads(path.read_text()) for path in finished if path.is_file()]:
+            results[name] = found
     write_json(out / "table.json", results)
-    with atomic_file(out / "table.txt") as temporary:
-        temporary.write_text(table(results))
-    contact_sheet(list(results), capture, out)
+    with atomic_file(out / "table.md") as temporary:
+        temporary.write_text(rows.ablations(results) + "\n", encoding="utf-8")
+    first = seed_folder(out, seeds[0])
+    drawn = [name for name in results if (first / folder_name(name) / "figures.json").is_file()]
+    write_png(out / "ablations.png", contact_sheet(drawn, capture, first))
+
+
+def seed_folder(out: Path, seed: int) -> Path:
+    """Folder of what was made with a seed."""
+    return out / f"seed_{seed}"
 
 
 @dataclass(frozen=True)
@@ -225,32 +186,39 @@ class Arguments:
     """Names of variants; all by default."""
     steps: int = 300
     """Optimisation steps of each."""
-    crop: int = 128
-    """Side of a step's image region, pixels."""
+    crop: int | None = None
+    """Side of a step's image region, pixels; by default the preset's if all of its steps are taken, else at most
+    128."""
     preset: Preset = "fast"
     """Settings that the variants change."""
+    seeds: int = 1
+    """How many seeds each variant is repeated with."""
     seed: int = 0
-    """Seed of all random numbers."""
+    """First of them."""
     positions_prior: Path | None = None
     """Weights of a prior that outputs positions."""
 
 
 def main(arguments: Arguments) -> None:
-    base = replace(preset(arguments.preset), steps=arguments.steps, crop=arguments.crop, seed=arguments.seed)
-    chosen = variants(base, arguments.positions_prior)
-    if unknown := set(arguments.only) - set(chosen):
-        raise SystemExit(
-            f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}, "
-            "positions only with --positions-prior"
-        )
-    capture = Capture.load(arguments.capture)
-    shared_segments(capture, arguments.out, base)
-    for name, variant in chosen.items():
-        if arguments.only and name not in arguments.only:
-            continue
-        run_variant(name, variant, arguments.capture, arguments.out)
-        write_results(list(chosen), capture, arguments.out)
-    print((arguments.out / "table.txt").read_text(), end="")
+    """Run the variants, seed by seed."""
+    capture, seeds = Capture.load(arguments.capture), range(arguments.seed, arguments.seed + arguments.seeds)
+    masked = any(capture.views_on().has_hair_mask)
+    chosen: dict[str, Variant] = {}
+    for seed in seeds:
+        base = full_config(arguments.preset, arguments.steps, arguments.crop, seed)
+        every = variants(base, arguments.positions_prior)
+        chosen = {name: variant for name, variant in every.items() if variant.stereo or masked}
+        if unknown := set(arguments.only) - set(chosen):
+            raise SystemExit(
+                f"no such variant: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}, "
+                "positions only with --positions-prior, no LMVS only with hair masks"
+            )
+        for name, variant in chosen.items():
+            if arguments.only and name not in arguments.only:
+                continue
+            run_variant(name, variant, capture, seed_folder(arguments.out, seed))
+            write_results(list(chosen), capture, arguments.out, seeds)
+    print((arguments.out / "table.md").read_text(encoding="utf-8"), end="")
 
 
 if __name__ == "__main__":

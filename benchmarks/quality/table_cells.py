@@ -37,7 +37,7 @@ class Settings:
 
     Attributes:
         preset: of our fits.
-        steps: of our fits and ablations; None leaves the preset's.
+        steps: of our fits and ablations; None leaves the preset's to fits, and `ablations.py` its own.
         every: one view in so many is held out.
         rival_minutes: of a processor, for each rival; None gives it as many as our fit of the same views.
     """
@@ -56,11 +56,13 @@ class Cells:
         out: the folder.
         settings: of all of them.
         opensplat: OpenSplat's program, if there is one.
+        positions: weights of a prior that outputs positions, for the ablations; without them, one is trained.
     """
 
     out: Path
     settings: Settings
     opensplat: Path | None
+    positions: Path | None = None
 
     def fit(self, capture: Path, seed: int) -> dict[str, Any]:
         """Our strands and their evaluation."""
@@ -97,10 +99,10 @@ class Cells:
         def make() -> dict[str, Any]:
             out = self.out / "ablations" / f"{capture.name}_{seed}"
             words = [str(BENCHMARKS / "quality" / "ablations.py"), str(capture), str(out), "--seed", str(seed)]
-            words += ["--preset", self.settings.preset]
+            words += ["--preset", self.settings.preset, "--positions-prior", str(self._positions_prior())]
             words += [] if self.settings.steps is None else ["--steps", str(self.settings.steps)]
             self._run(name, words)
-            return json.loads((out / "table.json").read_text())
+            return {name: found[0] for name, found in json.loads((out / "table.json").read_text()).items()}
 
         return self._cell(name, make)
 
@@ -120,6 +122,19 @@ class Cells:
         """Processor time of a command over all its calls, minutes."""
         path = self.out / "cells" / f"{name}.spent"
         return float(path.read_text()) / 60 if path.is_file() else 0.0
+
+    def _positions_prior(self) -> Path:
+        """Weights of a prior that outputs positions: those that are given, or those in OUT, trained once."""
+        if self.positions is not None:
+            return self.positions
+        name, path = "positions_prior", self.out / "positions_prior.safetensors"
+        words = ["-m", "neural_strands", "train-prior", str(path), "--seed", "0", "--json"]
+        words += ["--config.generator.synthesiser.output", "position"]
+        words += ["--resume"] if path.with_suffix(".checkpoint.pt").is_file() else []
+        trained = self._cell(name, lambda: self._run(name, words))
+        if "missing" in trained:
+            raise MissingError(trained["missing"])
+        return path
 
     def _shown(self, capture: Path, count: int) -> list[int]:
         opened = Capture.load(capture)

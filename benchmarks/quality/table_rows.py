@@ -105,23 +105,25 @@ def times(fits: Mapping[str, Sequence[dict[str, Any]]]) -> str:
     return markdown(("what", "decode", "render", "total", "strands"), [*rows, *PAPER_TIMES])
 
 
-def ablations(seeds: Sequence[dict[str, Any]]) -> str:
+def ablations(found: Mapping[str, Sequence[dict[str, Any]]]) -> str:
     """One thing changed at a time.
 
     Args:
-        seeds: what `ablations.py` found, by variant; one for each seed.
+        found: what `ablations.py` found, one for each seed, by variant.
     """
-    if lack := lacks(seeds):
-        return f"{lack}\n"
-    levels = (f"F at {level}" for level in LEVELS.values())
-    heads = ("variant", "strands", *levels, "consistency at 2 mm", *PICTURE_HEADS[:3])
+    levels = (f"{level} P R F" for level in LEVELS.values())
+    heads = ("variant", "strands", *levels, "consistency at 2 mm", "inside the head, %", *PICTURE_HEADS[:3], "minutes")
     rows = []
-    for name in seeds[0]:
-        found = [seed[name] for seed in seeds]
-        levels = [over_seeds([each["strands"][level]["f_score"] for each in found], 1) for level in LEVELS]
-        consistency = over_seeds([each["strands"]["2mm/20deg"]["strand_consistency"] for each in found], 1)
-        count = f"{found[0]['described']['strands']:,}"
-        rows.append((name, count, *levels, consistency, *_measures([each["held_out_views"] for each in found])[:3]))
+    for name, seeds in found.items():
+        row = [name, f"{seeds[0]['described']['strands']:,}"]
+        if all(each["strands"] for each in seeds):
+            row += _shares([each["strands"] for each in seeds])
+            row.append(over_seeds([each["strands"]["2mm/20deg"]["strand_consistency"] for each in seeds], 1))
+        else:
+            row += ["-"] * (len(LEVELS) + 1)
+        row.append(over_seeds([each.get("inside_head_percent") for each in seeds], 2))
+        row += _measures([each["held_out_views"] for each in seeds])[:3]
+        rows.append((*row, over_seeds([each["seconds"] / 60 for each in seeds], 1)))
     return markdown(heads, rows)
 
 

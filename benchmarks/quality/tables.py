@@ -56,9 +56,12 @@ class Arguments:
     preset: Preset = "fast"
     """Of our fits."""
     steps: int | None = None
-    """Of our fits and ablations, instead of the preset's; ablations.py has a default of its own."""
+    """Of our fits and ablations; by default the preset's for fits, and few, in small regions, for ablations."""
     opensplat: Path | None = None
     """OpenSplat's program (see benchmarks/rivals/opensplat.py)."""
+    positions_prior: Path | None = None
+    """Weights of a prior that outputs positions, for the ablations; by default they are trained (some 11 minutes) and
+    kept in OUT."""
     rival_minutes: float | None = None
     """Of a processor, for each rival; by default as many as our fit of the same views."""
 
@@ -68,7 +71,7 @@ def main(arguments: Arguments) -> None:
     captures = chosen_captures(arguments)
     settings = Settings(arguments.preset, arguments.steps, HOLD_OUT_EVERY, arguments.rival_minutes)
     check_settings(arguments.out, settings)
-    cells = Cells(arguments.out, settings, arguments.opensplat)
+    cells = Cells(arguments.out, settings, arguments.opensplat, arguments.positions_prior)
     made: dict[str, str] = {}
     for name, title in TITLES.items():
         if arguments.only and name not in arguments.only:
@@ -83,14 +86,15 @@ def table(name: str, cells: Cells, captures: list[Path], arguments: Arguments) -
     """One table, with everything that it needs computed first."""
     seeds = range(arguments.seeds)
     if name == "ablations":
-        return rows.ablations([cells.ablations(captures[0], seed) for seed in seeds])
+        found = [cells.ablations(captures[0], seed) for seed in seeds]
+        return rows.lacks(found) or rows.ablations({name: [each[name] for each in found] for name in found[0]})
     if name == "views":
-        found = {}
+        scores = {}
         for capture in captures:
             most = len(training_views(len(Capture.load(capture)), HOLD_OUT_EVERY))
             for count in (count for count in arguments.views if count < most):
-                found[f"{capture.name}, {count}"] = (cells.fewer(capture, count), cells.fewer_splats(capture, count))
-        return rows.fewer_views(found)
+                scores[f"{capture.name}, {count}"] = (cells.fewer(capture, count), cells.fewer_splats(capture, count))
+        return rows.fewer_views(scores)
     fits = {capture.name: [cells.fit(capture, seed) for seed in seeds] for capture in captures}
     if name == "times":
         return rows.times(fits)

@@ -134,7 +134,8 @@ def main(arguments: Arguments) -> None:
     views = kept.views_on()
     random = torch.Generator().manual_seed(0)
     roots = hair_roots(head, arguments.strands, views, config.initial.hull, random)
-    found = trace_first_strands(head, segments, views, roots, config.initial, head_distance_grid(head.mesh))
+    distance = head_distance_grid(head.mesh)
+    found = trace_first_strands(head, segments, views, roots, config.initial, distance, random).strands
     index = MeshIndex(head.mesh)
     before = [HeadView.of(camera, index) for camera in views.cameras]
     result = figures(found, truth.points, before, head.mesh)

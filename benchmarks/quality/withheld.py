@@ -115,9 +115,9 @@ def first_strands(capture: Capture, head: Head, count: int, config: FitConfig, f
         save_segments(file, find_segments(kept, head, config, file.with_suffix(""), track))
     views, random = kept.views_on(), torch.Generator().manual_seed(config.seed)
     roots = hair_roots(head, count, views, config.initial.hull, random)
-    return trace_first_strands(
-        head, load_segments(file), views, roots, config.initial, head_distance_grid(head.mesh)
-    ).points
+    distance = head_distance_grid(head.mesh)
+    found = trace_first_strands(head, load_segments(file), views, roots, config.initial, distance, random)
+    return found.strands.points
 
 
 def main(arguments: Arguments) -> None:

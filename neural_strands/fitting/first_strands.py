@@ -1,15 +1,19 @@
 """The initial strands: traced through the flow of the hair; and the shape texture that holds their latents."""
 
-from collections.abc import Callable
+import math
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.fitting.curls.curl_search import FoundCurls, curl_strands, find_curls
+from neural_strands.flow.field import FlowField
 from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_masks, hair_room
 from neural_strands.flow.hull import HullConfig, hairy_points
+from neural_strands.flow.seen_roots import seen_roots
 from neural_strands.flow.tracing import TracedStrands, trace_hair
+from neural_strands.foundation.progress import Feedback, Track, untracked
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -17,13 +21,44 @@ from neural_strands.geometry.point_queries import nearest
 from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView
 from neural_strands.raster.texture import sample_texture
+from neural_strands.scalp.blue_noise import throw_darts
 from neural_strands.scalp.head import Head
-from neural_strands.scalp.roots import Roots, sample_roots
+from neural_strands.scalp.roots import Roots, attach_roots, sample_roots
 
 ABOVE_ROOT = 0.003
 """Height above a root at which the views are tested for hair, metres."""
+TRIED = 4
+"""Segment points to follow back to the scalp for each root that is to be found there: many lead to the same places."""
+CLOSEST = 0.4
+"""Smallest distance of the roots found there from each other and from the others, in mean distances of all roots."""
 LEAST_HAIRY = 0.3
 """Least share of the scalp that the masks of its own hair cover."""
+
+
+@dataclass(frozen=True)
+class FirstStrands:
+    """Strands from which a fit starts.
+
+    Attributes:
+        roots: where they start, in random order.
+        strands: one for each root.
+    """
+
+    roots: Roots
+    strands: TracedStrands
+
+
+@dataclass(frozen=True)
+class Course:
+    """How the hair runs.
+
+    Attributes:
+        flow: directions of the hair along the segments as they are.
+        curls: the curls or waves that the photographs show, None for straight hair.
+    """
+
+    flow: FlowField
+    curls: FoundCurls | None
 
 
 def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generator: torch.Generator) -> Roots:
@@ -70,54 +105,93 @@ def trace_first_strands(
     roots: Roots,
     config: InitialConfig,
     distance: SignedDistanceGrid,
-    say: Callable[[str], None] = lambda _: None,
-) -> TracedStrands:
-    """Trace a strand from every root through the flow of the hair; where the photographs show curls, curl it.
+    generator: torch.Generator,
+    feedback: Feedback | None = None,
+) -> FirstStrands:
+    """Trace strands through the flow of the hair; where the photographs show curls, curl them.
+
+    A share of the roots moves to where hair begins that the photographs show.
 
     Args:
         head: mesh and chart, on the device of the segments.
         segments: line segments of the hair, signed from root to tip.
         views: the views from which the segments were reconstructed.
-        roots: where strands start.
+        roots: spread over the scalp.
         config: settings of the initial strands.
         distance: signed distance to the head.
-        say: tells the user what kind of curls were found.
+        generator: draws the roots that move, on the CPU.
+        feedback: receives the progress of each stage, and what kind of curls were found.
     """
-    plain, found = trace_straight(head, segments, views, roots, config, distance)
+    feedback = feedback or Feedback()
+    course = find_course(head, segments, views, roots, config, distance, feedback.track)
+    found, flow = course.curls, course.flow if course.curls is None else course.curls.axes
+    roots = with_seen_roots(head, segments, flow, roots, config, distance, generator)
     if found is None:
-        return plain
+        return FirstStrands(roots, trace_hair(flow, roots.position, roots.normal, config.trace))
     curl = found.curl
     kind, turn = {1: ("curly", "right-handed"), -1: ("curly", "left-handed"), 0: ("wavy", "either way")}[curl.turn]
-    say(f"{kind} hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {turn}")
-    return curl_strands(found, roots.position, roots.normal, distance, config)
+    feedback.say(f"{kind} hair: radius {1e3 * curl.radius:.1f} mm, {1e3 * curl.pitch:.0f} mm a turn, {turn}")
+    return FirstStrands(roots, curl_strands(found, roots.position, roots.normal, distance, config))
 
 
-def trace_straight(
+def with_seen_roots(
+    head: Head,
+    segments: LineSegments,
+    flow: FlowField,
+    roots: Roots,
+    config: InitialConfig,
+    distance: SignedDistanceGrid,
+    generator: torch.Generator,
+) -> Roots:
+    """Move `config.seen_share` of the roots to where hair begins that the photographs show; in random order.
+
+    Args:
+        head: mesh and chart, on the device of the segments.
+        segments: line segments of the hair, signed from root to tip.
+        flow: directions of the hair.
+        roots: spread over the scalp.
+        config: settings of the initial strands.
+        distance: signed distance to the head.
+        generator: draws the roots that move, on the CPU.
+    """
+    confident = segments.select(segments.confidence >= config.flow.least_confidence)
+    wanted = round(config.seen_share * len(roots))
+    seen = seen_roots(flow, confident, roots.position, TRIED * wanted, distance, config.trace, generator)
+    # Texels cannot tell apart strands whose roots are closer than this.
+    gap = CLOSEST * math.sqrt(head.scalp_area / len(roots))
+    seen = seen[throw_darts(seen, gap)[:wanted]]
+    beside, _ = nearest(roots.position, seen, radius=gap)
+    draw = torch.rand(len(roots), generator=generator, device=generator.device).to(beside)
+    leaving_last = torch.where(beside.isfinite(), draw - 1, draw).argsort()
+    mixed = torch.randperm(len(roots), generator=generator, device=generator.device).to(seen.device)
+    return roots.select(leaving_last[len(seen) :]).joined(attach_roots(head, seen)).select(mixed)
+
+
+def find_course(
     head: Head,
     segments: LineSegments,
     views: Views,
     roots: Roots,
     config: InitialConfig,
     distance: SignedDistanceGrid | None = None,
-) -> tuple[TracedStrands, FoundCurls | None]:
-    """Trace a strand from every root along the segments as they are, and find out whether the hair is curly.
+    track: Track = untracked,
+) -> Course:
+    """Find out how the hair runs along the segments as they are, and whether it is curly.
 
     Args:
         head: mesh and chart, on the device of the segments.
         segments: line segments of the hair, signed from root to tip.
         views: the views from which the segments were reconstructed.
-        roots: where strands start.
+        roots: spread over the scalp.
         config: settings of the initial strands.
         distance: signed distance to the head, if the caller has sampled it already; only saves time.
-
-    Returns:
-        The strands; and the curls or waves that the photographs show, None for straight hair.
+        track: shows the progress of each stage.
     """
-    room = hair_room(segments, views, head.mesh, roots.position, config, distance)
-    flow = hair_flow(room, segments, roots.position, roots.normal, config)
+    room = hair_room(segments, views, head.mesh, roots.position, config, distance, track)
+    flow = hair_flow(room, segments, roots.position, roots.normal, config, track)
     plain = trace_hair(flow, roots.position, roots.normal, config.trace)
-    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config)
-    return plain, found
+    found = find_curls(room, segments, views, plain.points, roots.normal, head.scalp_faces, config, track)
+    return Course(flow, found)
 
 
 def texture_from_latents(

@@ -1,6 +1,6 @@
 """Line segments of a capture by line-based multi-view stereo, and a check of segments from a file."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -9,9 +9,10 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.hold_out import held_out_views
 from neural_strands.fitting.config import FitConfig
-from neural_strands.fitting.first_strands import hair_roots, trace_straight
+from neural_strands.fitting.first_strands import find_course, hair_roots
 from neural_strands.fitting.noise import noisy
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import Track
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.views import Views
 from neural_strands.lmvs.files import SegmentsSource
@@ -28,7 +29,7 @@ def find_segments(
     head: Head,
     config: FitConfig,
     work: Path | None,
-    track: Callable[[Iterable, str, int], Iterable],
+    track: Track,
     device: torch.device | str = "cpu",
 ) -> LineSegments:
     """Reconstruct segments from these views, signed from root to tip, on the CPU.
@@ -46,7 +47,7 @@ def find_segments(
     views = capture.views_on(device)
     there = head.to(device)
     found = _segments(views, there, config, config.stereo, work, track)
-    if not noisy(views, config.stereo.orientation, config.noise) or not _straight(views, there, config, found):
+    if not noisy(views, config.stereo.orientation, config.noise) or not _straight(views, there, config, found, track):
         return found
     wide = replace(config.stereo.orientation, window=config.noise.window)
 
@@ -63,7 +64,7 @@ def _segments(
     config: FitConfig,
     stereo: LmvsConfig,
     work: Path | None,
-    track: Callable[[Iterable, str, int], Iterable],
+    track: Track,
 ) -> LineSegments:
     """Segments, signed from root to tip, on the CPU."""
     random = torch.Generator().manual_seed(config.seed)
@@ -72,13 +73,13 @@ def _segments(
     return orient_segments(found, head.mesh, head.scalp_faces, [], config.growth)
 
 
-def _straight(views: Views, head: Head, config: FitConfig, segments: LineSegments) -> bool:
+def _straight(views: Views, head: Head, config: FitConfig, segments: LineSegments, track: Track) -> bool:
     """Whether the hair shows neither curls nor waves."""
     if not len(segments.points):
         return True
     device, random = head.mesh.vertices.device, torch.Generator().manual_seed(config.seed)
     roots = hair_roots(head, config.strands, views, config.initial.hull, random).to(device)
-    return trace_straight(head, segments.to(device), views, roots, config.initial)[1] is None
+    return find_course(head, segments.to(device), views, roots, config.initial, None, track).curls is None
 
 
 def segments_source(capture: Capture, config: FitConfig) -> SegmentsSource:

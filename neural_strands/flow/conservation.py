@@ -18,6 +18,7 @@ from neural_strands.flow.faces import behind_faces, face_neighbours, neighbour_s
 from neural_strands.flow.field import FlowField
 from neural_strands.flow.surface import surface_normals
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.progress import Track, untracked
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
 
@@ -72,6 +73,7 @@ def conserve(
     depth: float,
     config: ConservationConfig | None = None,
     walls: Bool[Tensor, "x y z"] | None = None,
+    track: Track = untracked,
 ) -> FlowField:
     """Rotate the directions of a field as little as possible so that hair from the scalp fills the domain.
 
@@ -85,6 +87,7 @@ def conserve(
         depth: how far below the scalp the domain reaches, metres.
         config: weights and limits.
         walls: voxels outside the domain that hair does not run into; those of the scalp do not count.
+        track: shows the progress of the rounds.
     """
     config = config or ConservationConfig()
     if config.rounds == 0 or not bool(field.domain.any()):
@@ -100,7 +103,7 @@ def conserve(
         cells = replace(cells, open=cells.open & ~closed)
     enough = config.tolerance * float(face_flow(given, cells).sum(dim=1).norm())
     flow, speed = given, torch.ones_like(given[:, 0])
-    for _ in range(config.rounds):
+    for _ in track(range(config.rounds), "spreading hair over its room", config.rounds):
         faces = without_divergence(face_flow(speed[:, None] * given, cells), cells, enough, config.iterations)
         flow = 0.5 * (faces[:, :3] - faces[:, 3:])
         speed = (flow * given).sum(dim=1)

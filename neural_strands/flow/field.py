@@ -17,6 +17,7 @@ from neural_strands.flow.filling import average, pull_push
 from neural_strands.flow.unseen import UnseenHair, along_head, marked
 from neural_strands.foundation.configs import Between
 from neural_strands.foundation.errors import InputError
+from neural_strands.foundation.progress import Track, untracked
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
@@ -87,6 +88,7 @@ def diffuse_directions(
     scalp_normals: Float[Tensor, "root 3"],
     config: FlowConfig | None = None,
     guess: UnseenHair | None = None,
+    track: Track = untracked,
 ) -> FlowField:
     """Solve for the growth direction in every voxel of the domain.
 
@@ -98,6 +100,7 @@ def diffuse_directions(
         scalp_normals: its outward normals.
         config: weights and sweeps.
         guess: directions of hair that no view sees, if they were extrapolated.
+        track: shows the progress of the sweeps.
     """
     config = config or FlowConfig()
     kept = segments.confidence >= config.least_confidence
@@ -116,7 +119,7 @@ def diffuse_directions(
     value, known, normals = (volume.reshape(-1, 3)[cells] for volume in (start, shell, normal))
     is_fixed, is_pulled = (mask.reshape(-1)[cells, None] for mask in (fixed, pulled))
     value = functional.normalize(value, dim=-1)
-    for _ in range(config.iterations):
+    for _ in track(range(config.iterations), "smoothing growth directions", config.iterations):
         mean = neighbour_mean(value, neighbours, count)
         if guess is not None:
             lying = torch.searchsorted(cells, guess.voxels)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import torch
 from jaxtyping import Bool, Float
@@ -28,6 +29,8 @@ from neural_strands.flow.unseen import (
     lying_directions,
     marked,
 )
+from neural_strands.foundation.configs import Between
+from neural_strands.foundation.progress import Track, untracked
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -56,6 +59,9 @@ class InitialConfig:
     """How hair that no view sees is continued from what is seen."""
     trace: TraceConfig = field(default_factory=TraceConfig)
     """Streamlines from the scalp."""
+    seen_share: Annotated[float, Between(0, 1)] = 0.25
+    """Share of the strands that start where hair begins that the photographs show (see `seen_roots`); the others are
+    spread evenly over the scalp."""
     curls: CurlConfig = field(default_factory=CurlConfig)
     """When hair counts as curly, and how curls are laid about their axes."""
 
@@ -99,6 +105,7 @@ def hair_room(
     scalp_points: Float[Tensor, "root 3"],
     config: InitialConfig,
     distance: SignedDistanceGrid | None = None,
+    track: Track = untracked,
 ) -> HairRoom:
     """Find where hair can be, from masks where there are any, otherwise from segments.
 
@@ -109,6 +116,7 @@ def hair_room(
         scalp_points: roots on its scalp.
         config: settings of the initial strands.
         distance: signed distance to the head, if the caller has sampled it already; only saves time.
+        track: shows the progress of the masks.
     """
     known = torch.cat([segments.points, scalp_points])
     grid = grid_around(known, config.flow.spacing, config.flow.margin)
@@ -116,7 +124,8 @@ def hair_room(
     before = [HeadView.of(camera, index) for camera in views.cameras]
     masked = any(views.has_hair_mask)
     if masked:
-        domain = hair_hull(grid, hair_masks(views, before), head, config.hull, distance)
+        masks = track(hair_masks(views, before), "carving the room of the hair", sum(views.has_hair_mask))
+        domain = hair_hull(grid, masks, head, config.hull, distance)
     else:
         domain = covered_volume(grid, segments.points, head, config.hull, distance)
     return HairRoom(grid, domain, head_layer(grid, before, head, config.unseen), head, masked)
@@ -136,6 +145,7 @@ def hair_flow(
     scalp_points: Float[Tensor, "root 3"],
     scalp_normals: Float[Tensor, "root 3"],
     config: InitialConfig,
+    track: Track = untracked,
 ) -> FlowField:
     """Estimate the directions of the hair from segments, the scalp and the room that hair fills.
 
@@ -145,11 +155,12 @@ def hair_flow(
         scalp_points: roots on the scalp.
         scalp_normals: its outward unit normals there.
         config: settings of the initial strands.
+        track: shows the progress of sweeps and rounds.
     """
     domain, guess = guess_unseen(room.layer, room.grid, room.domain, segments, room.head, room.masked, config.unseen)
     if room.masked:
         domain = domain & (marked(domain, guess.voxels) | behind_segments(room, segments, config))
-    smooth = diffuse_directions(room.grid, domain, segments, scalp_points, scalp_normals, config.flow, guess)
+    smooth = diffuse_directions(room.grid, domain, segments, scalp_points, scalp_normals, config.flow, guess, track)
     confident = segments.select(segments.confidence >= config.flow.least_confidence)
     if lies_on_body(confident, scalp_points, room.layer):
         walls, turned = body_voxels(room.grid, domain, room.layer), domain
@@ -157,7 +168,7 @@ def hair_flow(
     else:
         # Strands that meet the shoulders end there.
         walls, turned = None, near_scalp(smooth, scalp_points)
-    full = conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation, walls)
+    full = conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation, walls, track)
     return along_skin(full, turned, room.layer)
 
 
@@ -174,6 +185,7 @@ def hanging_flow(
     scalp_points: Float[Tensor, "root 3"],
     scalp_normals: Float[Tensor, "root 3"],
     config: InitialConfig,
+    track: Track = untracked,
 ) -> FlowField:
     """The flow of hair that leaves the scalp, lies on the head, falls under gravity and fills its room.
 
@@ -185,6 +197,7 @@ def hanging_flow(
         scalp_points: roots on the scalp.
         scalp_normals: its outward unit normals there.
         config: settings of the initial strands.
+        track: shows the progress of sweeps and rounds.
     """
     grid, layer, unseen = room.grid, room.layer, config.unseen
     domain, _ = guess_unseen(layer, grid, room.domain, segments, room.head, room.masked, unseen)
@@ -199,6 +212,7 @@ def hanging_flow(
     lying = layer.grid.sample(directions, places, outside="border")
     guess = UnseenHair(voxels, OverHead(outward, distance, rise), lying)
     smooth = diffuse_directions(
-        grid, domain, segments.select(torch.arange(0)), scalp_points, scalp_normals, config.flow, guess
+        grid, domain, segments.select(torch.arange(0)), scalp_points, scalp_normals, config.flow, guess, track
     )
-    return conserve(smooth, scalp_points, scalp_normals, config.hull.head_depth, config.conservation)
+    depth = config.hull.head_depth
+    return conserve(smooth, scalp_points, scalp_normals, depth, config.conservation, track=track)

@@ -144,9 +144,9 @@ def trace_strands(
     alive = torch.ones(len(roots), dtype=torch.bool, device=roots.device)
     path = [position]
     for step in range(steps):
-        first = _follow(field, position, direction)
+        first = follow(field, position, direction)
         middle = position + 0.5 * config.step * first
-        second = _follow(field, middle, first)
+        second = follow(field, middle, first)
         ahead = position + config.step * second
         travelled = (step + 1) * config.step
         if travelled > config.grace:
@@ -164,7 +164,7 @@ def trace_strands(
     return resample_polyline_lengths(torch.stack(path, dim=1), config.points)
 
 
-def _follow(
+def follow(
     field: FlowField, position: Float[Tensor, "root 3"], fallback: Float[Tensor, "root 3"]
 ) -> Float[Tensor, "root 3"]:
     """Unit direction at a position; the fallback where the field vanishes."""

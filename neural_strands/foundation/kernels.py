@@ -200,13 +200,29 @@ def _are_traced(inputs: Sequence[Any]) -> bool:
 
 
 def _launch_traced(kernel: Kernel, count: int, inputs: Sequence[Any], split: bool) -> None:
-    """Pass a launch to the operator, with arrays separate from numbers, and vectors and matrices flattened."""
+    """Pass a launch to the operator, with arrays separate from numbers, and vectors, matrices and structs flattened."""
     arrays = [value for value in inputs if isinstance(value, Tensor)]
-    numbers: list[float | int] = []
-    for value in inputs:
-        if not isinstance(value, Tensor):
-            numbers.extend([value] if isinstance(value, int | float) else np.array(value).ravel().tolist())
+    numbers = [number for value in inputs if not isinstance(value, Tensor) for number in _numbers_of(value)]
     launch_operator(f"{kernel.module.name}.{kernel.key}", count, arrays, numbers, split)
+
+
+def _numbers_of(value: Any) -> list[float | int]:
+    """The numbers of a kernel's argument, in order."""
+    if isinstance(value, int | float):
+        return [value]
+    if hasattr(value, "_cls"):
+        return [number for name in value._cls.vars for number in _numbers_of(getattr(value, name))]
+    return np.array(value).ravel().tolist()
+
+
+def _argument_of(kind: Any, numbers: Iterator[float | int]) -> Any:
+    """The inverse of `_numbers_of` for an argument of this type, from the numbers that are left."""
+    if hasattr(kind, "vars"):
+        made = kind()
+        for name, member in kind.vars.items():
+            setattr(made, name, _argument_of(member.type, numbers))
+        return made
+    return kind(*itertools.islice(numbers, kind._length_)) if hasattr(kind, "_length_") else next(numbers)
 
 
 @torch.library.custom_op(
@@ -223,12 +239,8 @@ def launch_operator(
     left_arrays, left_numbers, inputs = iter(arrays), iter(numbers), []
     for argument in found.adj.args:
         kind = argument.type
-        if hasattr(kind, "ndim"):
-            inputs.append(array(next(left_arrays), kind.dtype))
-        elif hasattr(kind, "_length_"):
-            inputs.append(kind(*itertools.islice(left_numbers, kind._length_)))
-        else:
-            inputs.append(next(left_numbers))
+        is_array = hasattr(kind, "ndim")
+        inputs.append(array(next(left_arrays), kind.dtype) if is_array else _argument_of(kind, left_numbers))
     if split:
         launch_split(found, count, inputs[1:], arrays[0].device)
     else:

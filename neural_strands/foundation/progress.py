@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 T = TypeVar("T")
+Track = Callable[[Iterable[Any], str, int], Iterable[Any]]
+"""Shows the progress of a loop: given the items, a description and their number, it returns the items."""
 
 SECONDS_A_LINE = 60.0
 """Seconds between progress lines if there is no terminal."""
@@ -19,8 +21,21 @@ def _unsaid(_: str) -> None:
     pass
 
 
-def _untracked(items: Iterable[Any], _description: str, _total: int | None = None) -> Iterable[Any]:
+def untracked(items: Iterable[Any], _description: str, _total: int | None = None) -> Iterable[Any]:
+    """Return the items: a `Track` that shows nothing."""
     return items
+
+
+class Steps:
+    """Progress of steps that are not one loop, from the first to the last of a number known in advance."""
+
+    def __init__(self, track: Track, description: str, total: int) -> None:
+        self._left = iter(track(range(total), description, total))
+        next(self._left, None)
+
+    def done(self) -> None:
+        """Count one step."""
+        next(self._left, None)
 
 
 @dataclass(frozen=True)
@@ -29,11 +44,11 @@ class Feedback:
 
     Attributes:
         say: receives one sentence at each stage.
-        track: shows the progress of a loop: given the items, a description and their number, it returns the items.
+        track: shows the progress of a loop.
     """
 
     say: Callable[[str], None] = _unsaid
-    track: Callable[[Iterable[Any], str, int], Iterable[Any]] = _untracked
+    track: Track = untracked
 
 
 def progress_bar() -> "Progress":

@@ -305,6 +305,8 @@ class HairModel(nn.Module):
             camera: the view.
             turn: `self.rotation_to_seen(camera)`.
         """
+        if not self.config.unet.corrects:
+            return _uncorrected(maps)
         device = self.root_uv.device.type
         half = self.config.mixed_precision and device == "cuda"
         # On the CPU only where nothing is learned: a fit's gradients stay in float32.
@@ -318,8 +320,7 @@ class HairModel(nn.Module):
             pyramid.append(joined.permute(2, 0, 1)[None])
         with torch.autocast(device, torch.bfloat16, enabled=half):
             raw = self.unet(pyramid)
-        shaded = filled_from_coarser([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
-        return raw[0].permute(1, 2, 0).float() + functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
+        return raw[0].permute(1, 2, 0).float() + _uncorrected(maps)
 
     def _pixel_channels(
         self, level_map: SplatMap, camera: Camera, level: int, turn: Float[Tensor, "3 3"] | None
@@ -341,6 +342,12 @@ class HairModel(nn.Module):
         """Rotation of the directions that networks see, for a camera far from all photographs; None near them."""
         turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
         return None if turn is None else turn.to(self.root_uv)
+
+
+def _uncorrected(maps: list[SplatMap]) -> Float[Tensor, "height width 4"]:
+    """The splatted colours, encoded, with gaps filled from coarser maps; and no change of the opacity's logit."""
+    shaded = filled_from_coarser([level_map.features[-3:] for level_map in maps], [m.coverage for m in maps])
+    return functional.pad(to_srgb(shaded.permute(1, 2, 0)), (0, 1))
 
 
 def _encoded(features: Float[Tensor, "c h w"]) -> tuple[Float[Tensor, "h w descriptor"], Float[Tensor, "h w 3"]]:

@@ -33,6 +33,9 @@ class UNetConfig:
     """Channels at each level, finest first; every level halves the resolution."""
     alias_free: bool = True
     """Filtered resampling and activations; otherwise strided convolutions and pointwise activations."""
+    corrects: bool = True
+    """Correct the splatted colours and the opacity of their coverage; otherwise these are the picture, and the network
+    learns nothing (for the ablation)."""
     low_pass: LowPass = field(default_factory=LowPass)
     """The filter between neighbouring levels and around activations."""
 

@@ -1,4 +1,4 @@
-"""Lines in space as pictures: strands and segments, coloured by direction, on a head or over a photograph."""
+"""Lines in space as pictures: strands and segments, by default coloured by direction, on a head or a photograph."""
 
 import cv2
 import numpy as np
@@ -28,9 +28,19 @@ DIMMED = 110
 
 
 def lines_picture(
-    lines: Float[Tensor, "strand point 3"], camera: Camera, head: Mesh | None = None
+    lines: Float[Tensor, "strand point 3"],
+    camera: Camera,
+    head: Mesh | None = None,
+    colours: Float[Tensor, "strand point 3"] | None = None,
 ) -> Float[Tensor, "height width 3"]:
-    """Strands (or segments, as strands of two points) on a shaded head, coloured by direction."""
+    """Strands (or segments, as strands of two points) on a shaded head.
+
+    Args:
+        lines: positions, world metres; there may be none.
+        camera: the view.
+        head: hides what is behind it.
+        colours: sRGB at each point; None colours by direction.
+    """
     fine = camera.resized(2 * camera.width, 2 * camera.height)
     image = torch.full((fine.height, fine.width, 3), PAPER, device=lines.device)
     depth = None
@@ -42,12 +52,15 @@ def lines_picture(
         image = torch.where((seen.face >= 0)[..., None], shaded[..., None] * image.new_tensor(SKIN), image)
     buffer = rasterise_lines(lines, fine, depth)
     drawn = buffer.segment >= 0
-    per_strand = lines.shape[1]
-    segment = buffer.segment.clamp(min=0)
+    per_strand, segment = lines.shape[1], buffer.segment[drawn]
     start = segment + segment // (per_strand - 1)
-    flat = lines.reshape(-1, 3)
-    along = F.normalize(flat[start + 1] - flat[start], dim=-1)
-    image = torch.where(drawn[..., None], direction_colour(along), image)
+    flat = (lines if colours is None else colours).reshape(-1, 3)
+    first, second = flat[start], flat[start + 1]
+    if colours is None:
+        ink = direction_colour(F.normalize(second - first, dim=-1))
+    else:
+        ink = torch.lerp(first, second, buffer.position[drawn][:, None])
+    image[drawn] = ink
     return F.avg_pool2d(image.permute(2, 0, 1)[None], 2)[0].permute(1, 2, 0)
 
 

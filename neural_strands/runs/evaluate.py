@@ -21,6 +21,7 @@ from neural_strands.evaluation.geometry_metrics import (
 )
 from neural_strands.evaluation.lpips import TRAINING_NETWORK, find_lpips, training_note
 from neural_strands.evaluation.oriented_points import sample_segments, sample_strands
+from neural_strands.evaluation.strand_lengths import LengthAgreement, compare_lengths
 from neural_strands.evaluation.strands_in_view import StrandsInView, mean_strands_in_view, strands_in_view
 from neural_strands.evaluation.timing import time_function
 from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, mean_quality, view_qualities
@@ -43,6 +44,9 @@ class Evaluation:
     Attributes:
         ours: strands against the ground truth, if there is one.
         lmvs: segments against the ground truth, if there is one.
+        strand_count: number of strands.
+        segment_count: number of segments.
+        lengths: lengths of the strands against the true ones, if there are true ones that grow from the same roots.
         head_fit: position of the strands relative to the head.
         views: held-out views, or training views if none was held out.
         held_out: whether `views` were held out.
@@ -55,6 +59,9 @@ class Evaluation:
 
     ours: tuple[GeometryScore, ...]
     lmvs: tuple[GeometryScore, ...]
+    strand_count: int
+    segment_count: int
+    lengths: LengthAgreement | None
     head_fit: HeadFit | None
     views: list[ViewQuality]
     held_out: bool
@@ -65,7 +72,7 @@ class Evaluation:
     lpips_note: str
 
     def as_dict(self) -> dict[str, Any]:
-        """The figures that `--json` prints: percent, dB, milliseconds."""
+        """The figures that `--json` prints: percent, dB, milliseconds, metres."""
         means = mean_quality(self.views).as_dict()
         hair = means["hair"] or {"psnr": None, "ssim": None, "lpips": None}
         result: dict[str, Any] = {
@@ -84,6 +91,9 @@ class Evaluation:
         }
         for name, scores in (("strands", self.ours), ("lmvs", self.lmvs)):
             result[name] = {score.threshold.name: score.as_dict() for score in scores}
+        result["counts"] = {"strands": self.strand_count, "lmvs": self.segment_count}
+        if self.lengths is not None:
+            result["strand_lengths"] = self.lengths.as_dict()
         if self.head_fit is not None:
             result["inside_head_percent"] = self.head_fit.inside
         return result
@@ -146,9 +156,12 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
     truth = run.capture.ground_truth
     ours: tuple[GeometryScore, ...] = ()
     lmvs: tuple[GeometryScore, ...] = ()
-    mine = sample_strands(run.renderer.strands.points)
+    lengths: LengthAgreement | None = None
+    strands = run.renderer.strands.points
+    mine = sample_strands(strands)
     if truth is not None:
         true_points = sample_strands(truth.points.to(device))
+        lengths = compare_lengths(strands, truth.points.to(device))
         ours = score_geometry(mine, true_points, THRESHOLDS)
         lmvs = score_geometry(sample_segments(run.segments), true_points, THRESHOLDS, with_consistency=False)
     metric, absent = find_lpips(TRAINING_NETWORK, device)
@@ -162,6 +175,9 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
     return Evaluation(
         ours=ours,
         lmvs=lmvs,
+        strand_count=len(strands),
+        segment_count=run.segments.segment_count,
+        lengths=lengths,
         head_fit=fit_to_head(mine, run.head.mesh, run.head.scalp_faces),
         views=views,
         held_out=run.held_out,

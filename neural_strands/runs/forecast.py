@@ -19,6 +19,7 @@ from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.prior.vae import StrandPrior
 from neural_strands.runs.stereo_trial import stereo_seconds
+from neural_strands.runs.tracing_trial import tracing_seconds
 from neural_strands.scalp.head import Head
 from neural_strands.scalp.roots import sample_roots
 
@@ -35,6 +36,7 @@ class Forecast:
 
     Attributes:
         stereo_seconds: line-based multi-view stereo; 0 when segments are given, None if a trial was not possible.
+        tracing_seconds: tracing the initial strands of straight hair; curls and waves take more.
         shape_seconds: one step that updates strands by the geometric loss.
         image_seconds: one step with an image.
         fit_seconds: all steps.
@@ -42,6 +44,7 @@ class Forecast:
     """
 
     stereo_seconds: float | None
+    tracing_seconds: float
     shape_seconds: float
     image_seconds: float
     fit_seconds: float
@@ -49,12 +52,13 @@ class Forecast:
 
     def sentence(self) -> str:
         """The forecast as a sentence for the user."""
-        steps = self.fit_seconds / 60
+        tracing, steps = self.tracing_seconds / 60, self.fit_seconds / 60
+        parts = f"{tracing:.1f} for first strands (more if they curl), {steps:.1f} for the steps"
         if self.stereo_seconds is None:
-            minutes = f"stereo, whose time is unknown, and about {steps:.1f} minutes for the steps"
+            minutes = f"stereo, whose time is unknown, and about {tracing + steps:.1f} minutes: {parts}"
         else:
             stereo = self.stereo_seconds / 60
-            minutes = f"about {stereo + steps:.1f} minutes: {stereo:.1f} for stereo, {steps:.1f} for the steps"
+            minutes = f"about {stereo + tracing + steps:.1f} minutes: {stereo:.1f} for stereo, {parts}"
         return (
             f"expect {minutes} ({self.shape_seconds:.2f} s without and {self.image_seconds:.2f} s with an image); "
             f"memory about {self.memory_bytes / 1e9:.1f} GB"
@@ -71,7 +75,7 @@ def forecast(
     segments: LineSegments | None,
     distance: SignedDistanceGrid,
 ) -> Forecast:
-    """Time a few steps on points above the scalp that stand in for the segments, and a trial of stereo.
+    """Time a few steps on points above the scalp that stand in for the segments, and trials of stereo and tracing.
 
     Args:
         capture: all views.
@@ -95,18 +99,19 @@ def forecast(
     fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:3]), sum(sorted(seconds[3:])[:2]) / 2
     plain = appearance_begins(config.steps, config.schedule)
-    tracing = 0
+    # Measured before the trials of tracing and stereo raise the peak.
+    memory, tracing = peak_memory(device), 0.0
     if config.initialise == "flow":
-        reach = near_roots(head, roots.position) if segments is None else segments.points.cpu()
-        tracing = flow_memory(torch.cat([reach, roots.position]), config.initial.flow)
-    # Measured before the trial of stereo raises the peak.
-    memory = peak_memory(device)
+        extent = near_roots(head, roots.position) if segments is None else segments.points.cpu()
+        memory += flow_memory(torch.cat([extent, roots.position]), config.initial.flow)
+        tracing = tracing_seconds(data, roots.to(device), segments, extent, config)
     return Forecast(
         stereo_seconds=stereo_seconds(capture, head, config, device) if segments is None else 0.0,
+        tracing_seconds=tracing,
         shape_seconds=shape,
         image_seconds=image,
         fit_seconds=plain * shape + (config.steps - plain) * image,
-        memory_bytes=memory + tracing,
+        memory_bytes=memory,
     )
 
 

@@ -79,17 +79,21 @@ def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height widt
 def _geometry_table(result: Evaluation) -> Table:
     names = [_spaced(score.threshold.name) for score in result.ours[:3]]
     heads = ("", *(f"{what} {name}" if what == "P" else what for name in names for what in ("P", "R", "F")))
-    rows = [("line segments (LMVS)", *_cells(result.lmvs)), ("fitted strands", *_cells(result.ours))]
+    rows = [
+        (f"{result.segment_count:,} line segments (LMVS)", *_cells(result.lmvs)),
+        (f"{result.strand_count:,} fitted strands", *_cells(result.ours)),
+    ]
     rows += [(name, *(f"{value:.2f}" for row in figures for value in row)) for name, figures in PAPER_ROWS.items()]
     consistency = ", ".join(
         f"{score.strand_consistency or 0:.1f} % at {_spaced(score.threshold.name)}" for score in result.ours
     )
+    long = "" if result.lengths is None else f" Lengths of the strands: {result.lengths.as_text()}."
     inside = "" if result.head_fit is None else f" Points inside the head: {result.head_fit.inside:.2f} %."
     note = (
         "P: percentage of the points found that are right, within the distance and angle above; R: percentage of the "
         "true points that were found; F: their harmonic mean. Points are at most 0.5 mm apart, and lines count in both "
         "directions. The paper's rows are of its own grooms. "
-        f"Strand consistency, the share of a true strand that a single fitted one matches: {consistency}.{inside}"
+        f"Strand consistency, the share of a true strand that a single fitted one matches: {consistency}.{long}{inside}"
     )
     return Table("Geometry compared with the true strands", heads, tuple(rows), note)
 

@@ -22,7 +22,7 @@ from neural_strands.fitting.perceptual import perceptual_loss
 from neural_strands.fitting.stereo import check_source, find_segments, segments_source
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import sole_writer
-from neural_strands.foundation.progress import Feedback
+from neural_strands.foundation.progress import Feedback, Steps
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
 from neural_strands.model.networks import Networks, read_networks
@@ -247,9 +247,9 @@ def run_steps(run: PreparedRun, data: FitData, feedback: Feedback) -> FitState:
     feedback.say(f"{len(data.segments)} segment points{'; tracing first strands' if tracing else ''}")
     # The checkpoint has everything except the roots, which are drawn again from the seed.
     if resuming:
-        state = begin(data, run.prior, replace(config, initialise="mean", networks="random"), feedback.say)
+        state = begin(data, run.prior, replace(config, initialise="mean", networks="random"), feedback)
     else:
-        state = begin(data, run.prior, config, feedback.say, run.networks)
+        state = begin(data, run.prior, config, feedback, run.networks)
     if resuming:
         load_checkpoint(state, folder.checkpoint)
         feedback.say(f"resuming at step {state.step} of {config.steps}")
@@ -273,11 +273,11 @@ def _steps(state: FitState, run: PreparedRun, data: FitData, feedback: Feedback)
     folder, config = run.folder, run.config
     log = RunLog(folder.log, state.step) if run.workers.leads else None
     saved = shown = time.monotonic()
-    bar = iter(feedback.track(range(state.step, config.steps), "fitting", config.steps - state.step))
+    steps = Steps(feedback.track, "fitting", config.steps - state.step)
 
     def after_step(now: FitState, figures: dict[str, float]) -> None:
         nonlocal saved, shown
-        next(bar, None)
+        steps.done()
         if log is None:
             return
         log.add(figures)

@@ -48,6 +48,16 @@ def eliminate(points: Float[Tensor, "candidate 3"], count: int, area: float) -> 
     return torch.from_numpy(kept[_remove_crowded(positions[kept], len(kept) - count, largest)])
 
 
+def throw_darts(points: Float[Tensor, "candidate 3"], radius: float) -> Int64[Tensor, " kept"]:
+    """Indices of a maximal subset with no two points closer than `radius`; earlier points come first.
+
+    Args:
+        points: candidates, in the order of their priority.
+        radius: smallest distance, metres.
+    """
+    return torch.from_numpy(_throw_darts(points.detach().cpu().double().numpy(), radius)).to(points.device)
+
+
 def _throw_darts(positions: np.ndarray, radius: float) -> np.ndarray:
     """Mark a maximal subset with no two points closer than `radius`, the same one as throwing them one by one."""
     pairs = KDTree(positions).query_pairs(radius, output_type="ndarray")

@@ -44,6 +44,11 @@ class Roots:
         """Keep the roots selected by `index` (integers or booleans)."""
         return Roots(self.position[index], self.uv[index], self.frame[index], self.distance[index])
 
+    def joined(self, others: "Roots") -> "Roots":
+        """These roots, then others."""
+        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
+        return Roots(*(torch.cat([mine, theirs]) for mine, theirs in pairs))
+
     def to(self, device: torch.device | str) -> "Roots":
         """Move every tensor to `device`."""
         moved = (getattr(self, name).to(device) for name in ("position", "uv", "frame", "distance"))

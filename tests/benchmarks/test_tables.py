@@ -76,10 +76,12 @@ def faked(cells, monkeypatch):
                 "strands": geometry(30 + float(name[-1])),
                 "held_out_views": picture(24),
                 "described": {"strands": 6000},
+                "inside_head_percent": 0.5,
+                "seconds": 60.0 * (1 + float(name[-1])),
             }
             folder = self.out / "ablations" / name.removeprefix("ablations_")
             folder.mkdir(parents=True)
-            (folder / "table.json").write_text(json.dumps({"full": found, "strided UNet": found}))
+            (folder / "table.json").write_text(json.dumps({"full": [found], "strided UNet": [found]}))
         return answers(name, words)
 
     monkeypatch.setattr(cells.Cells, "_run", run)
@@ -109,7 +111,8 @@ def test_every_table_is_written_and_made_once(tables, faked, asked, capsys):
         "| 68,560 splats, 2,600 iterations | 25.2 |",
         "| ball | photograph, blurred by 4 px | 27.95 | 0.500 | 0.768 | 0.100 | 0.80 |  |  |  |  |",
         "| ball | 60 ± 0 | 160 ± 0 | 220 ± 0 | 6,000 ± 0 |",
-        "| full | 6,000 | 30.5 ± 0.5 | 30.5 ± 0.5 | 30.5 ± 0.5 | 15.2 ± 0.2 | 24.00 ± 0.00 | 0.500 ± 0.000 | - |",
+        "| full | 6,000 | 40.5 20.5 30.5 ± 0.5 | 40.5 20.5 30.5 ± 0.5 | 40.5 20.5 30.5 ± 0.5 | 15.2 ± 0.2 "
+        "| 0.50 ± 0.00 | 24.00 ± 0.00 | 0.500 ± 0.000 | - | 1.5 ± 0.5 |",
         "| ball, 4 | ours | 6,000 | 35.0 / 35.0 / 35.0 | 22.00 | 0.500 | - | 0.100 | 0.80 |",
         "| ball, 4 | splats | 68,560 | - | 23.85 | 0.500 | - | 0.100 | 0.80 |",
     ):
@@ -120,6 +123,51 @@ def test_every_table_is_written_and_made_once(tables, faked, asked, capsys):
     tables.main(tables.Arguments(**asked, opensplat=asked["out"] / "program"))
     assert faked == before
     assert capsys.readouterr().out == text
+
+
+def test_a_prior_of_positions_is_trained_once_or_taken(cells, tmp_path, monkeypatch):
+    commands = []
+
+    def run(self, name, words):
+        commands.append((name, words))
+        if name.startswith("ablations"):
+            folder = self.out / "ablations" / name.removeprefix("ablations_")
+            folder.mkdir(parents=True)
+            (folder / "table.json").write_text(json.dumps({"full": [{"psnr": 25.0}]}))
+        return {}
+
+    def after(option, words):
+        return words[words.index(option) + 1]
+
+    monkeypatch.setattr(cells.Cells, "_run", run)
+    own = cells.Cells(tmp_path / "out", cells.Settings("demo", None), None)
+    assert own.ablations(tmp_path / "ball", 0) == {"full": {"psnr": 25.0}}
+    own.ablations(tmp_path / "ball", 1)
+    assert [name for name, _ in commands] == ["positions_prior", "ablations_ball_0", "ablations_ball_1"]
+    trained = commands[0][1]
+    assert after("--config.generator.synthesiser.output", trained) == "position"
+    assert "--resume" not in trained
+    for _, words in commands[1:]:
+        assert after("--positions-prior", words) == after("train-prior", trained)
+    given = cells.Cells(tmp_path / "other", cells.Settings("demo", None), None, tmp_path / "prior.safetensors")
+    given.ablations(tmp_path / "ball", 0)
+    assert len(commands) == 4
+    assert after("--positions-prior", commands[-1][1]) == str(tmp_path / "prior.safetensors")
+
+
+def test_a_prior_that_could_not_be_trained_is_named_and_its_training_goes_on(cells, tmp_path, monkeypatch):
+    commands = []
+
+    def run(self, name, words):
+        commands.append(words)
+        (self.out / "positions_prior.checkpoint.pt").touch()
+        raise cells.MissingError("failed: see positions_prior.log")
+
+    monkeypatch.setattr(cells.Cells, "_run", run)
+    own = cells.Cells(tmp_path, cells.Settings("demo", None), None)
+    for _ in range(2):
+        assert own.ablations(tmp_path / "ball", 0) == {"missing": "failed: see positions_prior.log"}
+    assert ["--resume" in words for words in commands] == [False, True]
 
 
 def test_what_is_missing_is_named_and_tried_again(tables, faked, asked, capsys):

@@ -70,6 +70,11 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     assert 0 <= in_views["mask_on_background"] < 50
     for threshold, chance in chance_scores(arrays, true_strands).items():
         assert 100 >= figures["strands"][threshold]["f_score"] > 2 * chance > 0, threshold
+    assert figures["counts"] == {"strands": 200, "lmvs": len(true_strands)}
+    long = figures["strand_lengths"]
+    assert 0 < long["compared"] <= 200
+    assert long["true_median_m"] == pytest.approx(float(lengths(true_strands).quantile(0.5)), rel=1e-3)
+    assert long["median_ratio"] == pytest.approx(long["median_m"] / long["true_median_m"])
     page = (run / "report" / "index.html").read_text()
     assert page.count("data:image/png;base64,") >= 12
     assert "63.64" in page
@@ -85,6 +90,16 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     assert strands == ["mean", *(f"{value:.1f}" for value in in_views.values())]
     mean = read.tables["Held-out views"][2]
     assert mean[:2] == ["mean", f"{figures['held_out_views']['psnr']:.2f}"]
+    geometry = read.tables["Geometry compared with the true strands"]
+    assert [row[0] for row in geometry[1:3]] == ["400 line segments (LMVS)", "200 fitted strands"]
+    assert main(["evaluate", str(run)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    for name, count in (("lmvs", "400 segments"), ("strands", "200 strands")):
+        (line,) = (line for line in told if line.startswith(f"{name:8} 2mm/20deg"))
+        assert line.endswith(f"F {figures[name]['2mm/20deg']['f_score']:6.2f} %  {count}")
+    sentence = f"median {1e3 * long['median_m']:.1f} mm, {long['median_ratio']:.2f} times the true"
+    assert any(line.startswith(f"lengths of strands: {sentence}") for line in told)
+    assert sentence in page
 
 
 def chance_scores(groom, true_strands):

@@ -34,7 +34,12 @@ def test_json_holds_one_object_a_threshold(sparse, capsys):
 
 def test_table_and_capture_folder_as_truth(sparse, capsys):
     assert main(["score", str(sparse / "ground_truth.npz"), str(sparse)]) == 0
-    assert "2mm/20deg     100.00  100.00  100.00" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    # Nine strands of 0.1 m, sampled every 0.5 mm, both ends included.
+    assert told.startswith("9 predicted lines (strands or segments) with 1809 points, 9 true strands with 1809 points")
+    lines = [line.split() for line in told.splitlines()]
+    assert lines[1][:6] == ["threshold", "precision", "recall", "F", "lines", "consistency"]
+    assert lines[3][:6] == ["2mm/20deg", "100.00", "100.00", "100.00", "9", "100.00"]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".ply"])
@@ -48,6 +53,11 @@ def test_line_segments_of_either_sign(sparse, capsys, suffix):
     assert strict["precision"] == 100
     # One of nine strands, less the gap of 1/19 of its length between the two segments.
     assert strict["recall"] == pytest.approx(100 / 9, rel=0.1)
+    assert main(["score", str(sparse / f"segments{suffix}"), str(sparse)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].startswith("2 predicted lines (strands or segments)")
+    assert told[2].split()[:2] == ["1mm/10deg", "100.00"]
+    assert told[2].split()[4] == "2"
     # As npz the segments carry their own, upward, directions; a PLY is read as polylines, which run downwards.
     assert strict["signed"]["precision"] == (0 if suffix == ".npz" else 100)
 

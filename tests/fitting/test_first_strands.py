@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from counted_loops import CountedLoops
 from parted_hair import parted_strands, patches
 from tiny_capture import RADIUS, cameras, combed_strands, true_segments, write_capture
 
@@ -11,11 +12,15 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.evaluation.geometry_metrics import Threshold, matched_shares
 from neural_strands.evaluation.oriented_points import OrientedPoints, sample_strands
-from neural_strands.fitting.first_strands import hair_roots
+from neural_strands.fitting.first_strands import hair_roots, trace_first_strands
+from neural_strands.flow.conservation import ConservationConfig
+from neural_strands.flow.curls import CurlConfig
 from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import InitialConfig, hair_flow, hair_room
 from neural_strands.flow.hull import HullConfig
 from neural_strands.flow.tracing import TracedStrands, trace_hair
+from neural_strands.foundation.progress import Feedback
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import lengths
 from neural_strands.geometry.views import Views
@@ -146,3 +151,41 @@ def test_masks_that_leave_no_scalp_do_not_move_roots(head):
     every = sample_roots(head, 100, torch.Generator().manual_seed(0))
     kept = hair_roots(head, 100, empty, HullConfig(mask_margin=0.0), torch.Generator().manual_seed(0))
     assert torch.equal(kept.position, every.position)
+
+
+def test_every_stage_of_tracing_reports_its_progress_to_the_end(head: Head):
+    strands = combed_strands(2000)
+    config = InitialConfig(
+        flow=FlowConfig(spacing=0.006, iterations=7),
+        conservation=ConservationConfig(rounds=3),
+        curls=CurlConfig(find=False),
+    )
+    roots = sample_roots(head, 200, torch.Generator().manual_seed(0))
+    counted = CountedLoops()
+    distance = SignedDistanceGrid.build(head.mesh, 0.005, 0.05)
+    views, feedback = hair_views(strands, head), Feedback(track=counted.track)
+    random = torch.Generator().manual_seed(0)
+    trace_first_strands(head, true_segments(strands), views, roots, config, distance, random, feedback)
+    # 16 masks, 7 sweeps, 3 rounds.
+    assert [loop.total for loop in counted.loops] == [16, 7, 3]
+    assert all(loop.complete for loop in counted.loops)
+
+
+def test_a_share_of_the_strands_starts_where_hair_begins_that_views_show(head: Head):
+    strands = combed_strands(6000)
+    # Views show one lock only, low on one side; it begins higher up.
+    near_lock = (strands[:, -1] - strands[0, -1]).norm(dim=-1) < 0.02
+    lock = true_segments(strands[near_lock][:, 8:])
+    config = InitialConfig(flow=FlowConfig(spacing=0.003), curls=CurlConfig(find=False), seen_share=0.3)
+    roots = sample_roots(head, 400, torch.Generator().manual_seed(0))
+    distance = SignedDistanceGrid.build(head.mesh, 0.005, 0.05)
+    random = torch.Generator().manual_seed(0)
+    found = trace_first_strands(head, lock, hair_views(strands, head), roots, config, distance, random)
+    from_before = torch.cdist(found.roots.position, roots.position).amin(dim=1) < 1e-4
+    moved = ~from_before
+    assert 20 < int(moved.sum()) <= 120
+    assert len(found.roots) == len(found.strands.points) == 400
+    assert (found.roots.distance < 0.002).all()
+    near = torch.cdist(found.strands.points.reshape(-1, 3), lock.points).amin(dim=1).reshape(400, -1).amin(dim=1)
+    assert (near[moved] < 0.004).float().mean() > 0.9
+    assert (near[from_before] < 0.004).float().mean() < 0.4

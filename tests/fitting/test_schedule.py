@@ -1,7 +1,14 @@
 """Schedules at their ends and between."""
 
+from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
+import pytest
+import scipy.special
+import torch
+
+from neural_strands.fitting.config import preset
 from neural_strands.fitting.schedule import (
     ScheduleConfig,
     appearance_begins,
@@ -10,6 +17,7 @@ from neural_strands.fitting.schedule import (
     rate_factor,
     released_points,
 )
+from neural_strands.raster.texture import sample_texture
 
 
 def test_blur_falls_from_the_widest_to_one_texel_and_then_to_none():
@@ -32,6 +40,28 @@ def test_the_blur_of_appearance_falls_from_where_images_begin():
     assert 1.0 < widths[799] < 1.01
     assert widths[800:] == [0.0] * 100
     assert appearance_blur_width(500, 1000, ScheduleConfig(appearance_blur=0.0)) == 0.0
+
+
+@pytest.mark.parametrize("name", ["demo", "fast", "paper"])
+@pytest.mark.parametrize("fraction", [0.1, 0.2, 0.3, 0.475, 0.5, 0.9])
+def test_a_strand_learns_on_its_own_once_the_blur_of_appearance_has_ended(name, fraction):
+    """The gradient of one texel: taps of the discrete Gaussian, 3 texels wide at a tenth of the steps and 1 at half."""
+    config = replace(preset(name).schedule, appearance_blur_until=0.5)
+    texture = torch.zeros(65, 65, 1, dtype=torch.float64, requires_grad=True)
+    middle = torch.tensor([[0.5, 0.5]], dtype=torch.float64)
+    blur = appearance_blur_width(round(fraction * 10_000), 10_000, config)
+    sample_texture(texture, middle, blur).sum().backward()
+    assert texture.grad is not None
+    variance = 9 ** ((0.5 - fraction) / 0.4) if fraction < 0.5 else 0.0
+    taps = scipy.special.ive(abs(np.arange(-32, 33)), variance)
+    np.testing.assert_allclose(texture.grad[..., 0], np.outer(taps, taps), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["demo", "fast", "paper"])
+def test_by_default_neighbours_share_what_they_learn_until_the_last_step(name):
+    config = preset(name).schedule
+    assert appearance_blur_width(1000, 10_000, config) == 3.0
+    assert 1.0 < appearance_blur_width(9999, 10_000, config) < 1.001
 
 
 def test_strands_are_released_from_root_to_tip():

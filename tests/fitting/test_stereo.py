@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tiny_capture import combed_strands, true_segments, write_capture
@@ -36,7 +37,7 @@ def test_only_straight_hair_in_noise_is_matched_again(
     monkeypatch.setattr(stereo_module, "reconstruct", matched)
     monkeypatch.setattr(stereo_module, "noisy", lambda *_: grainy)
     if curly:
-        monkeypatch.setattr(stereo_module, "trace_straight", lambda *_: (None, "curls"))
+        monkeypatch.setattr(stereo_module, "find_course", lambda *_: SimpleNamespace(curls="curls"))
     titles = []
 
     def track(items, title, total):
@@ -45,17 +46,19 @@ def test_only_straight_hair_in_noise_is_matched_again(
 
     segments = find_segments(capture, find_head(capture, None), CONFIG, tmp_path, track)
     assert len(segments.points) == len(found.points)
-    first, again = (CONFIG.stereo.orientation.window, tmp_path), (CONFIG.noise.window, tmp_path / "wide")
-    assert used == ([first, again] if grainy and not curly else [first])
-    assert titles[0] == "orientation"
-    assert all("noisy" in title for title in titles[1:])
+    first, second = (CONFIG.stereo.orientation.window, tmp_path), (CONFIG.noise.window, tmp_path / "wide")
+    assert used == ([first, second] if grainy and not curly else [first])
+    again = ["orientation, noisy photographs of straight hair"] if len(used) == 2 else []
+    assert [title for title in titles if title.startswith("orientation")] == ["orientation", *again]
+    # Whether the hair is straight is found out by tracing it.
+    assert ("spreading hair over its room" in titles) == (grainy and not curly)
 
 
 def test_the_window_is_all_that_changes(capture: Capture, monkeypatch: pytest.MonkeyPatch):
     used, found = [], true_segments(combed_strands(60))
     monkeypatch.setattr(stereo_module, "reconstruct", lambda *given: used.append(given[2]) or found)
     monkeypatch.setattr(stereo_module, "noisy", lambda *_: True)
-    monkeypatch.setattr(stereo_module, "trace_straight", lambda *_: (None, None))
+    monkeypatch.setattr(stereo_module, "find_course", lambda *_: SimpleNamespace(curls=None))
     find_segments(capture, find_head(capture, None), CONFIG, None, lambda items, *_: items)
     narrow, wide = used
     assert wide == replace(narrow, orientation=replace(narrow.orientation, window=CONFIG.noise.window))

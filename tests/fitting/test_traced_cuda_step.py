@@ -1,25 +1,55 @@
-"""The losses of an image step, traced on a fake CUDA device: devices, shapes, synchronisations."""
+"""The losses of both kinds of step, traced on a fake CUDA device: devices, shapes, synchronisations."""
 
 import torch
 from tiny_capture import tiny_config
 from tiny_hair import tiny_hair_model
 from traced_cuda import on_traced_cuda, traced_cuda
 
-from neural_strands.fitting.losses import alpha_loss, rendering_loss
+from neural_strands.fitting.fit_data import FitData
+from neural_strands.fitting.geometry_step import shape_losses
+from neural_strands.fitting.losses import OrientedTargets, alpha_loss, rendering_loss
+from neural_strands.fitting.photographs.streak_loss import Streaks, streak_loss
 from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.fitting.photographs.trimap import reference_alpha
+from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.distance_grid import SignedDistanceGrid
+from neural_strands.geometry.line_segments import LineSegments
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.point_grid import PointGrid
 from neural_strands.geometry.rectangle import Rectangle
-from neural_strands.geometry.views import View
+from neural_strands.geometry.views import View, Views
+from neural_strands.geometry.voxel_grid import VoxelGrid
+from neural_strands.scalp.head import Head
 
 WIDTH, HEIGHT = 64, 48
+STEP_POINTS, SOME, TARGETS = 12, 80, 300
+
+
+def fit_data(points: int, radius: float) -> FitData:
+    """Segment points on the device and the distance to a head, without views."""
+    position, along = torch.rand(2, points, 3, device="cuda")
+    ones = torch.ones(points, device="cuda")
+    nodes = SignedDistanceGrid(VoxelGrid((-0.2, -0.2, -0.2), 0.1, (5, 5, 5)), torch.rand(5, 5, 5, device="cuda"))
+    mesh = Mesh(torch.rand(3, 3, device="cuda"), torch.tensor([[0, 1, 2]], device="cuda"))
+    return FitData(
+        Views((), (), lambda *_: None),
+        Head(mesh, torch.tensor([0], device="cuda"), torch.rand(1, 3, 2, device="cuda")),
+        LineSegments(position, along, ones, ones.long()),
+        OrientedTargets(position, along, PointGrid.build(position, radius)),
+        nodes,
+    )
+
+
+def front_view() -> Camera:
+    return Camera.look_at(torch.tensor([0.0, 0.1, 0.6]), torch.zeros(3), 100.0, (WIDTH, HEIGHT))
 
 
 def test_the_losses_of_an_image_step_stay_on_the_device():
     model, config = tiny_hair_model(), tiny_config()
     with traced_cuda() as (mode, waits):
         on_traced_cuda(model, mode)
-        camera = Camera.look_at(torch.tensor([0.0, 0.1, 0.6]), torch.zeros(3), 100.0, (WIDTH, HEIGHT))
+        camera = front_view()
         mask = torch.rand(HEIGHT, WIDTH, device="cuda")
         view = View(camera, torch.rand(HEIGHT, WIDTH, 3, device="cuda"), mask)
         strands = model.decode()
@@ -31,3 +61,34 @@ def test_the_losses_of_an_image_step_stay_on_the_device():
             assert loss.shape == ()
         # The box of the hair (six numbers of one answer), the visible parts, and once a model the background's centre.
         assert dict(waits) == {"aten._local_scalar_dense.default": 7, "to the CPU": 1}
+
+
+def test_the_losses_of_a_shape_step_stay_on_the_device():
+    model, config, random = tiny_hair_model(), tiny_config(), torch.Generator().manual_seed(0)
+    with traced_cuda() as (mode, waits):
+        on_traced_cuda(model, mode)
+        data = fit_data(1000, config.chamfer.surface_radius)
+        remembered = model.decode(STEP_POINTS).points
+        camera = front_view().to(remembered.device)
+        pixels = torch.arange(WIDTH * HEIGHT, dtype=torch.int32, device="cuda")
+        body = torch.rand(len(pixels), device="cuda")
+        streaks = Streaks(camera, pixels, torch.rand(len(pixels), 2, device="cuda").half(), body)
+        waits.clear()
+        seen = seen_points(model, remembered, [camera])
+        assert not waits
+        index, chosen = torch.arange(SOME, device="cuda"), torch.arange(TARGETS, device="cuda")
+        strands = model.decode(STEP_POINTS, index=index).points
+        assert not waits
+        losses = shape_losses(strands, index, remembered, remembered, seen, data, chosen, config)
+        # The grid of all points: two answers of three numbers, and which strands it takes from memory. Then the points
+        # that are seen, those that have a segment and those whose segment is free, two tensors of each; and targets.
+        expected = {"aten._local_scalar_dense.default": 6, "aten.index.Tensor by a mask": 5, "aten.nonzero.default": 2}
+        assert dict(waits) == expected
+        waits.clear()
+        segments = front_segments(model, remembered, camera, streaks.body_depth())
+        row = torch.full((len(remembered),), -1, device="cuda")
+        turned = streak_loss(strands, row, [streaks], [segments], 200, random)
+        assert dict(waits) == {"aten.nonzero.default": 1}
+        for loss in (losses.surface, losses.coverage, losses.head, losses.first, turned):
+            assert loss.device.type == "cuda"
+            assert loss.shape == ()

@@ -3,8 +3,9 @@
 import itertools
 
 import pytest
+from counted_loops import CountedLoops
 
-from neural_strands.foundation.progress import Feedback, progress_bar, track
+from neural_strands.foundation.progress import Feedback, Steps, progress_bar, track
 
 
 def test_track_yields_everything_and_prints_nothing(capsys: pytest.CaptureFixture):
@@ -34,3 +35,22 @@ def test_by_default_nobody_is_told(capsys: pytest.CaptureFixture):
     assert list(feedback.track(range(3), "counting", 3)) == [0, 1, 2]
     captured = capsys.readouterr()
     assert captured.out + captured.err == ""
+
+
+def test_steps_are_counted_to_the_last():
+    counted = CountedLoops()
+    steps = Steps(counted.track, "counting", 3)
+    (loop,) = counted.loops
+    for done in range(3):
+        assert (loop.done, loop.ended) == (done, False)
+        steps.done()
+    assert loop.complete
+    # Nothing is left to count.
+    steps.done()
+    assert loop.complete
+
+
+def test_no_steps_are_complete_at_once():
+    counted = CountedLoops()
+    Steps(counted.track, "counting", 0)
+    assert counted.loops[0].complete

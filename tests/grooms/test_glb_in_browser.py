@@ -41,6 +41,7 @@ gltf.scene.traverse((object) => {
     const { index, attributes } = object.geometry;
     const together = object.isLineSegments;
     found.push({ together, ends: index.count, points: attributes.position.count, colours: attributes.color.count });
+    found.at(-1).unseen = Array.from(attributes._unseen.array);
   }
 });
 renderer.render(scene, camera);
@@ -85,7 +86,9 @@ def test_three_draws_every_strand_in_its_colour(address, tmp_path):
         torch.stack([torch.full((size,), x), torch.linspace(-0.1, 0.1, size), torch.zeros(size)], dim=1)
         for size, x in zip(sizes, (-0.05, 0.0, 0.05), strict=True)
     ]
-    groom = Groom(torch.cat(upright), torch.tensor([0, 20, 23, 25]), color=torch.eye(3))
+    groom = Groom(
+        torch.cat(upright), torch.tensor([0, 20, 23, 25]), color=torch.eye(3), unseen=torch.tensor([0.0, 0.5, 1.0])
+    )
     write_scene(tmp_path / "hair.glb", Scene(groom), Blender())
     with headless_browser() as browser:
         tab = browser.open(address, 400, 400)
@@ -93,7 +96,8 @@ def test_three_draws_every_strand_in_its_colour(address, tmp_path):
         found, picture = tab.page.evaluate("window.found"), tab.canvas()
     assert tab.errors == []
     segments = sum(size - 1 for size in sizes)
-    assert found == [{"together": True, "ends": 2 * segments, "points": 25, "colours": 25}]
+    shares = 20 * [0.0] + 3 * [0.5] + 2 * [1.0]
+    assert found == [{"together": True, "ends": 2 * segments, "points": 25, "colours": 25, "unseen": shares}]
     # 0.2 m at 0.5 m, seen in 40 degrees over 400 pixels, are 220 pixels high.
     for channel, column in enumerate((145, 200, 255)):
         strip = picture[:, column - 3 : column + 3]

@@ -5,6 +5,7 @@ import json
 import os
 import struct
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,7 @@ def scene(generator) -> Scene:
         root_normal=torch.nn.functional.normalize(torch.randn(3, 3, generator=generator), dim=1),
         width=torch.rand(12, generator=generator) * 1e-4,
         color=torch.rand(3, 3, generator=generator),
+        unseen=torch.tensor([0.0, 0.75, 1.0]),
     )
     guides = Groom(vertices[:5], torch.tensor([0, 5]))
     return Scene(strands, guides, Motion(12.0, 3, lambda frame: vertices + 0.01 * frame))
@@ -111,8 +113,11 @@ def test_glb_is_read_by_another_library(scene, tmp_path):
     size = struct.unpack_from("<I", data, 12)[0]
     document = json.loads(data[20 : 20 + size])
     assert document["meshes"][0]["primitives"][0]["mode"] == 1
-    read = trimesh.load(path, force="scene")
+    read = trimesh.load_scene(path)
     assert np.allclose(read.bounds, [scene.strands.vertices.amin(0), scene.strands.vertices.amax(0)], atol=1e-6)
+    (lines,) = read.geometry.values()
+    shares = np.asarray(lines.vertex_attributes["_UNSEEN"]).ravel()
+    assert shares.tolist() == 5 * [0.0] + 3 * [0.75] + 4 * [1.0]
     binary = data[28 + size :]
     views, accessors = document["bufferViews"], document["accessors"]
     indices = np.frombuffer(binary, np.uint32, accessors[0]["count"], views[0]["byteOffset"]).reshape(-1, 2)
@@ -121,6 +126,13 @@ def test_glb_is_read_by_another_library(scene, tmp_path):
     assert scene.strands.color is not None
     assert np.allclose(colours[[0, 4, 5, 11], :3], scene.strands.color[[0, 0, 1, 2]], atol=1e-4)
     assert (colours[:, 3] == 1).all()
+
+
+def test_glb_of_bare_strands_has_only_positions(scene, tmp_path):
+    write_scene(tmp_path / "hair.glb", Scene(replace(scene.strands, color=None, unseen=None)), Blender())
+    (lines,) = trimesh.load_scene(tmp_path / "hair.glb").geometry.values()
+    assert np.allclose(lines.vertices, scene.strands.vertices, atol=1e-6)
+    assert "_UNSEEN" not in lines.vertex_attributes
 
 
 @pytest.mark.parametrize("suffix", [".hair", ".data", ".tfx", ".ply", ".obj", ".npz"])
@@ -163,6 +175,11 @@ def test_alembic_holds_what_unreal_reads(scene, tmp_path):
             assert np.allclose([list(uv) for uv in values("V2f", "groom_root_uv")], groom.root_uv)
             assert np.allclose(values("Float", "groom_width"), groom.width)
             assert np.allclose([list(colour) for colour in values("C3f", "groom_color")], groom.color)
+            assert values("Float", "unseen") == [0.0, 0.75, 1.0]
+            parameter = geometry.IFloatGeomParam(held, "unseen")
+            assert parameter.getScope() == geometry.GeometryScope.kUniformScope
+        else:
+            assert "unseen" not in [held.getPropertyHeader(k).getName() for k in range(held.getNumProperties())]
     assert geometry.ICurves(top, "strands").getSchema().getTimeSampling().getSampleTime(2) == pytest.approx(2 / 12)
 
 

@@ -149,6 +149,21 @@ def test_opacity_starts_from_coverage():
     assert output.coverage.max() > MOST_OPACITY
 
 
+def test_without_a_correction_the_picture_is_that_of_a_network_that_answers_zero():
+    silent, plain = model(), model()
+    plain.config = replace(plain.config, unet=replace(plain.config.unet, corrects=False))
+    with torch.no_grad():
+        silent.unet.output.zero_()
+        plain.unet.bias.fill_(1.0)
+    expected, found = (hair.render(stubble(hair), view((96, 80))) for hair in (silent, plain))
+    torch.testing.assert_close(found.rgb, expected.rgb, atol=1e-5, rtol=0)
+    torch.testing.assert_close(found.alpha, expected.alpha, atol=1e-5, rtol=0)
+    found.rgb.square().sum().backward()
+    assert plain.textures.appearance.grad is not None
+    assert plain.textures.appearance.grad.abs().sum() > 0
+    assert all(parameter.grad is None for parameter in plain.unet.parameters())
+
+
 def test_gradients_reach_both_textures_and_what_can_be_seen():
     hair = model()
     hair(view()).rgb.square().sum().backward()

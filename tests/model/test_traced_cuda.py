@@ -7,7 +7,10 @@ from traced_cuda import on_traced_cuda, traced_cuda
 
 from neural_strands.foundation import kernels
 from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.kernels.point_queries import nearest_kernel
 from neural_strands.geometry.kernels.voxel_grid import sample_kernel
+from neural_strands.geometry.point_grid import PointGrid
+from neural_strands.geometry.point_queries import nearest_reference
 from neural_strands.geometry.voxel_grid import VoxelGrid
 from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.renderer import HairRenderer
@@ -57,3 +60,16 @@ def test_the_operator_computes_what_a_launch_computes(generator):
     numbers = [0, *grid.origin, grid.spacing, *grid.shape, 0]
     kernels.launch_operator(name, 50, [values.view(-1, 2), points, sampled], numbers, True)
     assert torch.equal(sampled, grid.sample(values, points, outside="border"))
+
+
+def test_the_operator_puts_structs_together_again(generator):
+    points, queries = torch.rand(2, 80, 3, generator=generator)
+    grid, radius = PointGrid.build(points, 0.3), 0.2
+    distance, index = torch.full((80,), torch.inf), torch.full((80,), -1, dtype=torch.int32)
+    kernel: kernels.Kernel = nearest_kernel
+    cells = [*grid.lower, *grid.cells, grid.cell, grid.mask]
+    arrays = [grid.points, grid.starts, grid.order, queries, distance, index]
+    kernels.launch_operator(f"{kernel.module.name}.{kernel.key}", 80, arrays, [0, *cells, radius], True)
+    expected = nearest_reference(queries, points, radius)
+    torch.testing.assert_close(distance, expected[0])
+    assert torch.equal(index.long(), expected[1])

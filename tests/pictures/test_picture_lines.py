@@ -37,6 +37,22 @@ def test_strands_are_coloured_by_direction_and_hidden_by_the_head(camera):
     assert column[inked][0, 1] > column[inked][0, 0]
     hidden = lines_picture(UPRIGHT, camera, wall(0.1))
     assert float(hidden.reshape(-1, 3).std(dim=0).max()) < 1e-6
+    assert (lines_picture(UPRIGHT[:0], camera) == PAPER).all()
+
+
+def test_colours_of_points_are_blended_along_a_strand(camera):
+    """A strand from blue at the bottom to red at the top: at a height, the share of red is that of the way up."""
+    strand = torch.tensor([[[0.0, -0.1, 0.0], [0.0, 0.1, 0.0]]])
+    colours = torch.tensor([[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]])
+    picture = lines_picture(strand, camera, colours=colours)
+    inked = (picture - PAPER).abs().sum(dim=-1) > 0.05
+    rows, columns = torch.nonzero(inked, as_tuple=True)
+    # Ten pixels are 0.1 m, seen from 1 m; a pixel that the line covers by half is half white, but has no green.
+    covered = 1 - picture[rows, columns, 1]
+    red = (picture[rows, columns, 0] - (1 - covered)) / covered
+    height = (16 - (rows + 0.5)) / 100
+    torch.testing.assert_close(red, ((height + 0.1) / 0.2).clamp(0, 1), atol=0.03, rtol=0)
+    assert len(rows) >= 18
 
 
 def test_the_photograph_is_kept_where_no_strand_covers_it(camera):

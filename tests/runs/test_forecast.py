@@ -14,12 +14,12 @@ from neural_strands.scalp.mannequin import mannequin
 
 
 def cost(shape_seconds: float, image_seconds: float) -> Forecast:
-    return Forecast(120.0, shape_seconds, image_seconds, 600.0, 2_000_000_000)
+    return Forecast(120.0, 30.0, shape_seconds, image_seconds, 600.0, 2_000_000_000)
 
 
 def test_stereo_of_unknown_time_is_not_counted() -> None:
-    told = Forecast(None, 0.25, 0.5, 600.0, 2_000_000_000).sentence()
-    assert told.startswith("expect stereo, whose time is unknown, and about 10.0 minutes for the steps (0.25 s")
+    told = Forecast(None, 30.0, 0.25, 0.5, 600.0, 2_000_000_000).sentence()
+    assert told.startswith("expect stereo, whose time is unknown, and about 10.5 minutes: 0.5 for first strands")
 
 
 def test_memory_of_tracing_follows_the_room_that_hair_takes() -> None:
@@ -51,7 +51,7 @@ def test_a_head_with_a_whole_body_takes_no_more_memory() -> None:
 
 def test_sentence_tells_the_sum_and_its_parts() -> None:
     told = cost(0.25, 0.5).sentence()
-    assert "12.0 minutes: 2.0 for stereo, 10.0 for the steps" in told
+    assert "12.5 minutes: 2.0 for stereo, 0.5 for first strands (more if they curl), 10.0 for the steps" in told
     assert "0.25 s without and 0.50 s with an image" in told
     assert "2.0 GB" in told
 

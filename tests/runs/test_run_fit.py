@@ -1,12 +1,14 @@
 """A fit as a run: a refused fit leaves nothing that blocks the next one."""
 
 import itertools
+import re
 import shutil
 import time
 from dataclasses import replace
 
 import pytest
 import torch
+from counted_loops import CountedLoops
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
@@ -16,6 +18,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import sole_writer
 from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs.files import save_segments
+from neural_strands.runs import forecast as forecast_module
 from neural_strands.runs import run_fit as run_fit_module
 from neural_strands.runs.run_fit import FitRequest, run_fit
 from neural_strands.runs.run_folder import RunFolder
@@ -112,6 +115,14 @@ def test_a_clock_that_is_set_back_changes_nothing(request_of, monkeypatch):
     assert bits(request_of("run")) == bits(request_of("whole"))
 
 
+def test_progress_reaches_the_end(request_of):
+    counted = CountedLoops()
+    run_fit(request_of("run"), tiny_config(steps=4), CPU, Feedback(track=counted.track))
+    assert all(loop.complete for loop in counted.loops)
+    assert (counted.loops[-1].title, counted.loops[-1].total) == ("fitting", 4)
+    assert {"smoothing growth directions", "spreading hair over its room"} < {loop.title for loop in counted.loops}
+
+
 def test_a_resumed_fit_traces_no_strands_again(request_of, monkeypatch):
     config = tiny_config(steps=4, initialise="flow")
     run_fit(request_of("whole"), config, CPU, Feedback())
@@ -146,3 +157,15 @@ def test_stereo_that_finds_too_little_blocks_no_later_fit(tmp_path, monkeypatch)
     monkeypatch.setattr(run_fit_module, "find_segments", lambda *_: segments)
     assert run_fit(request, config, CPU, Feedback()).step == 2
     assert folder.description.is_file()
+
+
+@pytest.mark.parametrize("initialise", ["flow", "mean"])
+def test_the_forecast_counts_every_part_of_the_fit(request_of, monkeypatch, initialise):
+    # Hours, so that nothing is rounded away.
+    monkeypatch.setattr(forecast_module, "tracing_seconds", lambda *_: 7200.0)
+    said = []
+    run_fit(request_of("run"), tiny_config(steps=2, initialise=initialise), CPU, Feedback(said.append))
+    (told,) = [line for line in said if line.startswith("expect about")]
+    total, stereo, tracing, steps = map(float, re.findall(r"(\d+\.\d) (?:minutes|for)", told))
+    assert total == pytest.approx(stereo + tracing + steps, abs=0.15)
+    assert tracing == (120.0 if initialise == "flow" else 0.0)

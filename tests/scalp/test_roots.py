@@ -7,7 +7,7 @@ import torch
 from scipy.spatial import KDTree
 
 from neural_strands.geometry.mesh import Mesh, face_areas
-from neural_strands.scalp.blue_noise import eliminate
+from neural_strands.scalp.blue_noise import eliminate, throw_darts
 from neural_strands.scalp.head import Head, scalp_vertex_frames
 from neural_strands.scalp.mannequin import mannequin
 from neural_strands.scalp.roots import attach_roots, roots_at, sample_roots
@@ -136,3 +136,26 @@ def test_roots_at_corners_are_the_vertices():
     face = torch.arange(10)
     roots = roots_at(head, face, torch.tensor([[1.0, 0, 0]]).expand(10, 3))
     torch.testing.assert_close(roots.position, head.scalp_mesh.corners()[face, 0])
+
+
+def test_joined_roots_keep_their_order():
+    roots = sample_roots(mannequin(), 30, seeded())
+    joined = roots.select(torch.arange(12)).joined(roots.select(torch.arange(12, 30)))
+    for name in ("position", "uv", "frame", "distance"):
+        assert torch.equal(getattr(joined, name), getattr(roots, name))
+
+
+def test_darts_keep_their_distance_and_leave_no_room():
+    points, radius = torch.rand(800, 3, generator=seeded()), 0.12
+    kept = throw_darts(points, radius)
+    # The same as throwing them one by one.
+    one_by_one: list[int] = []
+    for k, point in enumerate(points):
+        if not one_by_one or (points[one_by_one] - point).norm(dim=1).min() > radius:
+            one_by_one.append(k)
+    assert kept.tolist() == one_by_one
+    assert 100 < len(kept) < 700
+
+
+def test_nothing_to_throw():
+    assert len(throw_darts(torch.zeros(0, 3), 0.1)) == 0

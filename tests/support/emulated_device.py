@@ -24,6 +24,7 @@ from unittest import mock
 import torch
 import warp as wp
 from torch import Tensor
+from torch.nn.utils import clip_grad
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import return_and_correct_aliasing
 from torch.utils._pytree import tree_flatten, tree_map_only
@@ -163,8 +164,20 @@ def _count(func: Any, args: Any) -> None:
         waits[f"{func} by a mask"] += 1
     elif any(not on_device(index) for index in masks):
         waits[f"{func} by an index on the CPU"] += 1
-    elif func is aten.copy_.default and on_device(args[0]) != on_device(args[1]):
+    elif func is aten.copy_.default and on_device(args[0]) != on_device(args[1]) and not _is_without_waiting(*args[1:]):
         waits["copy_ between devices"] += 1
+
+
+def _is_without_waiting(source: Tensor, non_blocking: bool = False) -> bool:
+    """Whether a copy to the other device goes on while the host does; memory of the host has to be pinned for that."""
+    return non_blocking and (on_device(source) or getattr(source, "pinned", False))
+
+
+def pin_memory(tensor: Tensor) -> Tensor:
+    """A copy that says that it is pinned."""
+    pinned = tensor.clone()
+    pinned.pinned = True
+    return pinned
 
 
 class _Move(torch.autograd.Function):
@@ -179,11 +192,12 @@ class _Move(torch.autograd.Function):
         return moved(gradient, not on_device(gradient))
 
 
-def moved(tensor: Tensor, to_device: bool) -> Tensor:
+def moved(tensor: Tensor, to_device: bool, non_blocking: bool = False) -> Tensor:
     """The tensor on one device, itself if it is there already."""
     if on_device(tensor) == to_device:
         return tensor
-    waits["to the device" if to_device else "to the CPU"] += 1
+    if not _is_without_waiting(tensor, non_blocking):
+        waits["to the device" if to_device else "to the CPU"] += 1
     return _Move.apply(tensor)
 
 
@@ -206,6 +220,9 @@ class _Devices(TorchFunctionMode):
         if func is Tensor.type_as:
             return _to(*args)
         target, _ = kwargs.pop("device", None), kwargs.pop("pin_memory", None)
+        if func is Tensor.__setitem__ and on_device(first) and isinstance(args[2], int | float):
+            # A number becomes a tensor on the device, where it is filled in without the host.
+            args = (first, args[1], DeviceTensor(torch.tensor(args[2], dtype=first.dtype)))
         if func is Tensor.new_tensor:
             made = torch.tensor(*args[1:], **{"dtype": first.dtype, **kwargs})
             return moved(made, on_device(first) if target is None else torch.device(target).type == "cuda")
@@ -224,7 +241,7 @@ class _Devices(TorchFunctionMode):
 
 def _to(tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
     """`Tensor.to` with a device, a dtype, both, or another tensor's."""
-    kwargs.pop("non_blocking", None)
+    non_blocking = kwargs.pop("non_blocking", False)
     other = next((value for value in args if isinstance(value, Tensor)), kwargs.pop("other", None))
     if other is not None:
         args = (other.device, other.dtype)
@@ -234,7 +251,12 @@ def _to(tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
     result = tensor if dtype is None else tensor.to(dtype, **kwargs)
     if dtype is None and kwargs:
         result = tensor.to(tensor.dtype, **kwargs)
-    return result if device is None else moved(result, torch.device(device).type == "cuda")
+    return result if device is None else moved(result, torch.device(device).type == "cuda", non_blocking)
+
+
+def grouped(tensors: list[list[Tensor]], *_: Any) -> dict[tuple[torch.device, torch.dtype], Any]:
+    """Like torch's function, in C++, which would find these tensors on the CPU; for tensors of one kind."""
+    return {(tensors[0][0].device, tensors[0][0].dtype): (tensors, list(range(len(tensors[0]))))}
 
 
 def from_torch(tensor: Tensor, *args: Any, **kwargs: Any) -> wp.array:
@@ -342,7 +364,8 @@ def emulated_cuda() -> Iterator[torch.device]:
         (wp, "stream_from_torch", lambda *_: _WARP_STREAM),
         (wp, "ScopedStream", lambda *_, **__: contextlib.nullcontext()),
         (wp, "HashGrid", _HashGrid),
-        (Tensor, "pin_memory", lambda tensor: tensor),
+        (Tensor, "pin_memory", pin_memory),
+        (clip_grad, "_group_tensors_by_device_and_dtype", grouped),
         (kernels, "load", load_module),
         (ThreadPoolExecutor, "submit", _submit),
     ]

@@ -44,9 +44,10 @@ class _Waits(TorchDispatchMode):
         if func is aten._local_scalar_dense.default and fake:
             return bool(NUMBER) if first.dtype == torch.bool else NUMBER if not first.is_floating_point() else 0.5
         if func is aten.nonzero.default and fake:
-            return torch.zeros(first.numel() // 2, first.dim(), dtype=torch.int64, device=first.device)
-        if func in INDEXING and any(isinstance(index, Tensor) and index.dtype == torch.bool for index in args[1]):
+            return _half_of(first)
+        if func in INDEXING and any(_is_mask(index) for index in args[1]):
             self.counts[f"{func} by a mask"] += 1
+            args = (first, [part for index in args[1] for part in _found(index)], *args[2:])
         if func is aten.copy_.default or func is aten._to_copy.default:
             source = args[1] if func is aten.copy_.default else first
             target = first.device if func is aten.copy_.default else kwargs.get("device", first.device)
@@ -119,6 +120,18 @@ def _viewed(tensor: Tensor, index: Any) -> tuple[Tensor, list[Tensor | None] | N
 
 def _is_mask(part: Any) -> bool:
     return isinstance(part, Tensor) and part.dtype == torch.bool
+
+
+def _found(index: Tensor | None) -> list[Tensor | None]:
+    """Indices in the place of a mask, of which half are found; any other index as it is."""
+    if index is None or not _is_mask(index):
+        return [index]
+    return list(_half_of(index).unbind(1))
+
+
+def _half_of(tensor: Tensor) -> Tensor:
+    """The answer to the question which elements are not zero."""
+    return torch.zeros(tensor.numel() // 2, tensor.dim(), dtype=torch.int64, device=tensor.device)
 
 
 @contextlib.contextmanager

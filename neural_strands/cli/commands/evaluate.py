@@ -20,12 +20,14 @@ class Evaluate:
     device: DeviceName = "auto"
     """Where to compute."""
     json: bool = False
-    """Print one JSON object: strands and lmvs (percent at each threshold, if there is a ground truth), held_out_views
-    (psnr in dB, ssim and lpips in the hair region; "psnr_at_exposure", after a gain per channel that is estimated
-    outside the hair; the same under "image" for the whole image; the error of the "alpha" map; "lpips_note", if LPIPS
-    is absent or also a training loss), strands_in_views_percent (for the same views: "direction", drawn strands within
-    20 degrees of the photograph's streaks, hair "on_background", and "mask_on_background", the same share of the hair
-    masks themselves), unseen_strands_percent, milliseconds, inside_head_percent."""
+    """Print one JSON object: strands and lmvs (percent at each threshold, if there is a ground truth), counts (of
+    strands, and of the segments of lmvs), strand_lengths (against the true ones: median and 95th percentile, metres,
+    and their ratios, of the strands that grow within 4 mm of a true root), held_out_views (psnr in dB, ssim and lpips
+    in the hair region; "psnr_at_exposure", after a gain per channel that is estimated outside the hair; the same under
+    "image" for the whole image; the error of the "alpha" map; "lpips_note", if LPIPS is absent or also a training
+    loss), strands_in_views_percent (for the same views: "direction", drawn strands within 20 degrees of the
+    photograph's streaks, hair "on_background", and "mask_on_background", the same share of the hair masks themselves),
+    unseen_strands_percent, milliseconds, inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""
@@ -43,12 +45,14 @@ class Evaluate:
         if self.json:
             print_json(figures)
             return
-        for name in ("lmvs", "strands"):
+        for name, what in (("lmvs", "segments"), ("strands", "strands")):
             for threshold, row in figures[name].items():
                 sys.stdout.write(
                     f"{name:8} {threshold:10} precision {row['precision']:6.2f}  recall {row['recall']:6.2f}  "
-                    f"F {row['f_score']:6.2f} %\n"
+                    f"F {row['f_score']:6.2f} %  {figures['counts'][name]} {what}\n"
                 )
+        if result.lengths is not None:
+            sys.stdout.write(f"lengths of strands: {result.lengths.as_text()}\n")
         views = f"{len(result.views)} views, {'held out' if result.held_out else 'none held out: seen in training'}"
         sys.stdout.write(f"mean of {views}\n")
         for head, cell in zip(HEADS, mean_quality(result.views).cells(), strict=True):

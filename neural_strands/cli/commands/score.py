@@ -65,8 +65,10 @@ class Score:
         if self.json:
             print_json(as_dict(scores, fit))
         else:
-            sys.stdout.write(f"{len(predicted)} predicted points, {len(truth)} true points\n")
-            sys.stdout.write(table(scores, fit))
+            count, true_count = len(predicted.roots()), len(truth.roots())
+            sys.stdout.write(f"{count} predicted lines (strands or segments) with {len(predicted)} points, ")
+            sys.stdout.write(f"{true_count} true strands with {len(truth)} points\n")
+            sys.stdout.write(table(scores, count, fit))
 
 
 def as_dict(scores: "tuple[GeometryScore, ...]", fit: "HeadFit | None") -> dict[str, Any]:
@@ -83,17 +85,14 @@ def as_dict(scores: "tuple[GeometryScore, ...]", fit: "HeadFit | None") -> dict[
     return result
 
 
-def table(scores: "tuple[GeometryScore, ...]", fit: "HeadFit | None") -> str:
-    """The same for people."""
-    heads = ("threshold", "precision", "recall", "F", "consistency", "signed precision", "recall", "F")
+def table(scores: "tuple[GeometryScore, ...]", count: int, fit: "HeadFit | None") -> str:
+    """The same for people, with the number of predicted lines beside F."""
+    heads = ("threshold", "precision", "recall", "F", "lines", "consistency", "signed precision", "recall", "F")
     rows: list[tuple[str, ...]] = [heads]
     for score in scores:
-        figures = [
-            *score.unsigned.as_dict().values(),
-            score.strand_consistency or 0.0,
-            *score.signed.as_dict().values(),
-        ]
-        rows.append((score.threshold.name, *(f"{figure:.2f}" for figure in figures)))
+        unsigned = [f"{figure:.2f}" for figure in score.unsigned.as_dict().values()]
+        others = [f"{figure:.2f}" for figure in (score.strand_consistency or 0.0, *score.signed.as_dict().values())]
+        rows.append((score.threshold.name, *unsigned, str(count), *others))
     widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
     text = "".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) + "\n" for row in rows)
     if fit is not None:

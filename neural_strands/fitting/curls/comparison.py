@@ -13,6 +13,7 @@ from torch.nn import functional
 from neural_strands.fitting.curls.streaks import Course, Texture, course_of, drawn_hair, texture_of
 from neural_strands.fitting.noise import NOISY, clearness
 from neural_strands.flow.curls import Curl, CurlConfig, Locks, curled
+from neural_strands.foundation.progress import Steps, Track, untracked
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import Views
 from neural_strands.lmvs.orientation import OrientationConfig, luma
@@ -149,6 +150,7 @@ def closest_curl(
     turn: int,
     config: CurlConfig,
     pitches: Sequence[float] = PITCHES,
+    track: Track = untracked,
 ) -> DrawnCurl:
     """The curl whose drawing has the texture closest to the photographs'.
 
@@ -158,6 +160,7 @@ def closest_curl(
         turn: handedness of the curls; 0 for waves.
         config: size of the locks that curl in phase.
         pitches: lengths of a turn to try, metres.
+        track: shows the progress of the search.
     """
     locks = Locks.drawn(comparison.axes[:, 0], config.lock)
     tried: dict[tuple[float, float], Texture] = {}
@@ -165,9 +168,12 @@ def closest_curl(
     def size(slope: float, pitch: float) -> Curl:
         return Curl(slope * pitch / (2 * math.pi), pitch, turn, 1.0 if turn else WAVE_ROUNDNESS)
 
+    steps = Steps(track, f"drawing {'curls' if turn else 'waves'}", 2 * len(SLOPES) + len(pitches))
+
     def texture(slope: float, pitch: float) -> Texture:
         if (slope, pitch) not in tried:
             tried[slope, pitch] = comparison.of(curled(comparison.axes, normals, locks, size(slope, pitch)))
+        steps.done()
         return tried[slope, pitch]
 
     seen = comparison.seen
@@ -175,7 +181,7 @@ def closest_curl(
     slope = min(SLOPES, key=lambda slope: texture(slope, pitches[len(pitches) // 2]).lean_difference(seen))
     pitch = min(pitches, key=lambda pitch: texture(slope, pitch).difference(seen, FOR_SIZE))
     slope = min(SLOPES, key=lambda slope: texture(slope, pitch).difference(seen, FOR_SIZE))
-    return DrawnCurl(size(slope, pitch), texture(slope, pitch), seen)
+    return DrawnCurl(size(slope, pitch), tried[slope, pitch], seen)
 
 
 def _texture(

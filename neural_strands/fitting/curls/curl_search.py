@@ -32,6 +32,7 @@ from neural_strands.flow.curls import Curl, CurlConfig, Locks, curled
 from neural_strands.flow.field import FlowField
 from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow
 from neural_strands.flow.tracing import TracedStrands, trace_hair
+from neural_strands.foundation.progress import Track, untracked
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.resample import resample_strands
@@ -74,6 +75,7 @@ def find_curls(
     scalp_normals: Float[Tensor, "root 3"],
     scalp_faces: Int64[Tensor, " scalp"],
     config: InitialConfig,
+    track: Track = untracked,
 ) -> FoundCurls | None:
     """Look for curls that all turn alike, then for waves; None if there are neither, or if no view has a hair mask.
 
@@ -85,6 +87,7 @@ def find_curls(
         scalp_normals: outward unit normals at their roots.
         scalp_faces: the faces of the head that hair grows from.
         config: settings of the initial strands.
+        track: shows the progress of the flow along the axes, and of the search.
     """
     if not config.curls.find or not room.masked:
         return None
@@ -92,21 +95,21 @@ def find_curls(
     straight, normals = Comparison.along(plain[::every], photographs(views)), scalp_normals[::every]
     roots = plain[:, 0]
     scalp, leaving = (roots, scalp_normals, scalp_faces), _leaving(config, config.curls.way_out)
-    leaning = leaning_segments(room, segments, roots, scalp_normals, config)
+    leaning = leaning_segments(room, segments, roots, scalp_normals, config, track)
     if leaning is not None and leaning.strong:
-        helices = closest_helices(room, leaning, scalp, straight, normals, leaving)
+        helices = closest_helices(room, leaning, scalp, straight, normals, leaving, track)
         if _look_curly(helices, straight):
             return FoundCurls(helices.drawn.curl, helices.axes)
     drawn = straight.of(straight.axes)
-    waves = _find_waves(straight, drawn, normals, config.curls)
+    waves = _find_waves(straight, drawn, normals, config.curls, track)
     if leaning is not None and not leaning.strong:
-        helices = closest_helices(room, leaning, scalp, straight, normals, leaving)
+        helices = closest_helices(room, leaning, scalp, straight, normals, leaving, track)
         rival = drawn if waves is None else waves.texture
         if helices.drawn.difference(FOR_SIZE) < rival.difference(straight.seen, FOR_SIZE):
             return FoundCurls(helices.drawn.curl, helices.axes)
     if waves is None:
         return None
-    flow = hair_flow(room, segments, roots, scalp_normals, _leaving(config, config.curls.waves_way_out))
+    flow = hair_flow(room, segments, roots, scalp_normals, _leaving(config, config.curls.waves_way_out), track)
     return FoundCurls(waves.curl, flow)
 
 
@@ -118,7 +121,7 @@ def _look_curly(helices: Helices, straight: Comparison) -> bool:
 
 
 def _find_waves(
-    comparison: Comparison, straight: Texture, normals: Float[Tensor, "strand 3"], config: CurlConfig
+    comparison: Comparison, straight: Texture, normals: Float[Tensor, "strand 3"], config: CurlConfig, track: Track
 ) -> DrawnCurl | None:
     """Look for waves about the strands that follow the segments, of texture `straight` if drawn as they are."""
     seen = comparison.seen
@@ -129,10 +132,10 @@ def _find_waves(
     if noise > 0 and comparison.of(comparison.axes, noise).lean_difference(seen) < OF_NOISE * plainly:
         # Noise turns streaks to either side, as waves do.
         return None
-    drawn = closest_curl(comparison, normals, 0, config)
+    drawn = closest_curl(comparison, normals, 0, config, track=track)
     if drawn.texture.repetition_difference(seen) > straight.repetition_difference(seen):
         # What repeats in these photographs is not the waves.
-        drawn = closest_curl(comparison, normals, 0, config, (USUAL_PITCH,))
+        drawn = closest_curl(comparison, normals, 0, config, (USUAL_PITCH,), track)
     return drawn if drawn.texture.lean_difference(seen) < CLEARLY * plainly else None
 
 

@@ -18,6 +18,7 @@ from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, ha
 from neural_strands.flow.surface import surface_normals
 from neural_strands.flow.tracing import trace_hair
 from neural_strands.flow.unseen import DOWN
+from neural_strands.foundation.progress import Track, untracked
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.lmvs.growth import GrowthConfig, orient_segments
 
@@ -90,6 +91,7 @@ def leaning_segments(
     roots: Float[Tensor, "root 3"],
     scalp_normals: Float[Tensor, "root 3"],
     config: InitialConfig,
+    track: Track = untracked,
 ) -> Leaning | None:
     """The segments that show how hair leans; None if they hardly lean, as those of most hair.
 
@@ -99,12 +101,13 @@ def leaning_segments(
         roots: where strands start, metres.
         scalp_normals: outward unit normals there.
         config: settings of the initial strands.
+        track: shows the progress of the hanging flow.
     """
     kept, curls = segments.select(segments.confidence >= config.flow.least_confidence), config.curls
     steep = lean_off_gravity(room, kept)
     if not _leans(steep, curls.suspected_lean, curls.suspected_agreement):
         return None
-    course = hanging_flow(room, kept, roots, scalp_normals, config)
+    course = hanging_flow(room, kept, roots, scalp_normals, config, track)
     lean = lean_off(course, kept)
     # Where hair does not hang, segments agree less about that course than where its surface is steep.
     if not _leans(lean, curls.suspected_lean, 0.0):
@@ -120,6 +123,7 @@ def closest_helices(
     plain: Comparison,
     normals: Float[Tensor, "strand 3"],
     config: InitialConfig,
+    track: Track = untracked,
 ) -> Helices:
     """The helices whose drawing is closest to the photographs, of all leans that are tried.
 
@@ -130,6 +134,7 @@ def closest_helices(
         plain: the photographs beside the strands to draw, as they are along the segments.
         normals: outward unit normals at the roots of those strands.
         config: settings of the initial strands, `way_out` as for helices.
+        track: shows the progress of the flow along the axes, and of the search.
     """
     roots, scalp_normals, faces = scalp
     found: list[Helices] = []
@@ -137,15 +142,15 @@ def closest_helices(
         turned = turned_back(leaning.segments, leaning.course, lean)
         # Neighbours sign turned segments better than the hanging course does, for instance at a parting.
         straight = orient_segments(turned, room.head, faces, [], GrowthConfig())
-        axes = hair_flow(room.inset(FIRST_INSET), straight, roots, scalp_normals, config)
+        axes = hair_flow(room.inset(FIRST_INSET), straight, roots, scalp_normals, config, track)
         traced = trace_hair(axes, plain.axes[:, 0], normals, config.trace).points
         comparison = Comparison.along(traced, plain.photographs)
-        drawn = closest_curl(comparison, normals, leaning.turn, config.curls)
+        drawn = closest_curl(comparison, normals, leaning.turn, config.curls, track=track)
         found.append(Helices(drawn, axes, comparison, straight))
     closest = min(found, key=lambda helices: helices.drawn.difference(FOR_SIZE))
     radius = closest.drawn.curl.radius
     if abs(radius - FIRST_INSET) > room.grid.spacing:
-        axes = hair_flow(room.inset(radius), closest.straight, roots, scalp_normals, config)
+        axes = hair_flow(room.inset(radius), closest.straight, roots, scalp_normals, config, track)
         closest = replace(closest, axes=axes)
     return closest
 

@@ -5,8 +5,8 @@ Blender is given, Blender's module `bpy` writes the file. `bpy` is large, needs 
 under the GPL, so it may be installed in another environment, in which `alembic_worker.py` runs.
 
 Blender stores points (y up, metres), widths and motion of strands and guides. Both objects have the custom properties
-`groom_group_id` (0) and `groom_guide` (0 or 1). Blender's exporter does not write attributes per curve, so root uv and
-colours are lost.
+`groom_group_id` (0) and `groom_guide` (0 or 1). Blender's exporter does not write attributes per curve, so root uv,
+colours and the unseen share are lost.
 """
 
 import importlib.util

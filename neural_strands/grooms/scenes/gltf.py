@@ -1,8 +1,9 @@
 """`.glb` files (glTF 2.0, binary): strands as coloured lines, for web pages and viewers; write-only.
 
 All strands are one primitive of line segments, so that a browser draws them in one call. Stored: points (metres, y up,
-as glTF requires) and linear colours. Widths are lost: glTF's lines are one pixel wide. The material is unlit
-(KHR_materials_unlit) because lines have no normals.
+as glTF requires), linear colours, and the share of a strand that no photograph could see, repeated at each of its
+points (attribute `_UNSEEN`; glTF lets applications name attributes that begin with an underscore). Widths are lost:
+glTF's lines are one pixel wide. The material is unlit (KHR_materials_unlit) because lines have no normals.
 """
 
 import json
@@ -11,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Shaped
+from torch import Tensor
 
 from neural_strands.grooms.groom import Groom
 
@@ -44,12 +47,16 @@ def write_glb(path: Path, groom: Groom) -> None:
     ]
     attributes = {"POSITION": 1}
     if groom.color is not None:
-        per_vertex = groom.color.repeat_interleave(groom.sizes.to(groom.color.device), dim=0).cpu().numpy()
+        per_vertex = _at_points(groom.color, groom)
         # Four samples per row, because glTF aligns rows to four bytes.
         samples = np.full((len(vertices), 4), 65535, np.uint16)
         samples[:, :3] = np.clip(per_vertex, 0, 1) * 65535 + 0.5
         parts.append((samples, VERTICES, {"componentType": UNSIGNED_SHORT, "type": "VEC4", "normalized": True}))
-        attributes["COLOR_0"] = 2
+        attributes["COLOR_0"] = len(parts) - 1
+    if groom.unseen is not None:
+        shares = np.ascontiguousarray(_at_points(groom.unseen, groom), np.float32)
+        parts.append((shares, VERTICES, {"componentType": FLOAT, "type": "SCALAR"}))
+        attributes["_UNSEEN"] = len(parts) - 1
     views, accessors, offset = [], [], 0
     for number, (values, target, kind) in enumerate(parts):
         count = values.size if kind["type"] == "SCALAR" else len(values)
@@ -76,3 +83,8 @@ def write_glb(path: Path, groom: Groom) -> None:
         file.write(struct.pack("<II", offset, BINARY_CHUNK))
         for values, _, _ in parts:
             file.write(values.tobytes())
+
+
+def _at_points(values: Shaped[Tensor, " strand *value"], groom: Groom) -> np.ndarray:
+    """Values of strands, repeated at each of their points."""
+    return values.repeat_interleave(groom.sizes.to(values.device), dim=0).cpu().numpy()

@@ -3,7 +3,8 @@
 Strands and guides are one set of linear curves each, in metres, y up; Unreal asks for the scale to centimetres (100)
 and the axes when it imports. Following Epic's "Alembic for Grooms" 1.5, each set has `groom_version_major`,
 `groom_version_minor`, `groom_group_id` (0) and `groom_guide` (0 or 1); per strand `groom_id`, `groom_root_uv` and
-`groom_color` (linear); and per point `groom_width`. Widths are also stored as those of the curves, for other programs.
+`groom_color` (linear); and per point `groom_width`. Widths are also stored as those of the curves, for other programs,
+and the share of a strand that no photograph could see as `unseen`, per strand, as in USD files.
 """
 
 import importlib
@@ -83,6 +84,9 @@ def _write_curves(archive: Any, top: Any, name: str, groom: Groom, guide: int, m
         for index, colour in enumerate(groom.color.tolist()):
             colours[index] = imath.Color3f(*colour)
         put("C3f", "groom_color", colours, scope.kUniformScope)
+    if groom.unseen is not None:
+        unseen = imath.FloatArrayFromBuffer(_plain(groom.unseen, np.float32))
+        put("Float", "unseen", unseen, scope.kUniformScope)
 
 
 def _one(kind: Any, value: int) -> Any:

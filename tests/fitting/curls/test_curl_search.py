@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from counted_loops import CountedLoops
 from tiny_capture import RADIUS, ball, write_capture
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
-from neural_strands.fitting.curls.comparison import Comparison, photographs
+from neural_strands.fitting.curls.comparison import PITCHES, SLOPES, Comparison, photographs
 from neural_strands.fitting.curls.curl_search import OF_NOISE, WAVY, curl_strands, find_curls
 from neural_strands.fitting.curls.helices import lean_off_gravity, leaning_segments
 from neural_strands.fitting.curls.streaks import drawn_hair
@@ -19,6 +20,7 @@ from neural_strands.flow.curls import Curl, Locks, curled
 from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hair_room
 from neural_strands.flow.tracing import trace_hair
+from neural_strands.foundation.progress import Feedback
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
@@ -137,8 +139,22 @@ def test_first_strands_of_curly_hair_curl_and_say_so(curly, tmp_path):
     roots = sample_roots(scalp, 1500, torch.Generator().manual_seed(0))
     top = roots.position[:, 1] > 0.04
     distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
-    found = trace_first_strands(scalp, curly.segments, curly.views, roots.select(top), CONFIG, distance, heard.append)
+    counted = CountedLoops()
+    feedback = Feedback(heard.append, counted.track)
+    generator = torch.Generator().manual_seed(0)
+    found = trace_first_strands(
+        scalp, curly.segments, curly.views, roots.select(top), CONFIG, distance, generator, feedback
+    ).strands
     (said,) = heard
+    assert all(loop.complete for loop in counted.loops)
+    # The hanging flow; then for every lean that is tried, the flow along the axes and a drawing of each size.
+    titles = [loop.title for loop in counted.loops]
+    drawings = [loop.total for loop in counted.loops if loop.title == "drawing curls"]
+    assert drawings == [2 * len(SLOPES) + len(PITCHES)] * len(drawings)
+    assert len(drawings) >= 1
+    flows = titles.count("spreading hair over its room")
+    assert titles.count("smoothing growth directions") == flows
+    assert flows - len(drawings) in (2, 3)
     assert said.startswith("curly hair: radius ")
     assert said.endswith("left-handed")
     radius, pitch = (float(number) / 1000 for number in re.findall(r"([\d.]+) mm", said))
