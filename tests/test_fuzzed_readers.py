@@ -162,3 +162,27 @@ def test_containers_stay_whole_around_the_damage(corpus: Path, tmp_path: Path):
         path.write_bytes(mutated(Random(seed), (corpus / "segments.npz").read_bytes()))
         opened += zipfile.is_zipfile(path)
     assert opened > 30
+
+
+def parts_fit(content: bytes) -> bool:
+    """Whether the lengths of a file's boxes, or of a JPEG's segments up to the compressed picture, lead to the end."""
+    has_boxes = content[4:8] == b"ftyp"
+    at = 0 if has_boxes else 2
+    while at < len(content):
+        if not has_boxes and content[at : at + 2] == b"\xff\xda":
+            return True
+        length = int.from_bytes(content[at : at + 4] if has_boxes else content[at + 2 : at + 4], "big")
+        if length < 2:
+            return False
+        at += length if has_boxes else 2 + length
+    return has_boxes and at == len(content)
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.mp4", "a.heic"])
+def test_segments_and_boxes_stay_whole_around_the_damage(name: str, corpus: Path):
+    content = (corpus / "photographs" / name).read_bytes()
+    damages = [mutated(Random(seed), content) for seed in range(60)]
+    assert parts_fit(content)
+    assert not parts_fit(content[: len(content) // 3])
+    assert sum(map(parts_fit, damages)) > 30
+    assert len(set(damages)) > 40

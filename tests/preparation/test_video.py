@@ -91,3 +91,20 @@ def test_a_video_that_does_not_decode_is_one_sentence(tmp_path: Path):
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError, match="at least 3 frames that decode, found 0"):
         import_video(path, tmp_path / "out", 10, 2048, print)
+
+
+def test_a_video_without_a_decoder_is_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+    write_video(tmp_path / "a.mp4", 6, set(), "mp4v")
+    content = bytearray((tmp_path / "a.mp4").read_bytes())
+    # The name of the samples' format, and the type of the stream in its descriptor (ISO 14496-14, 3.1.2).
+    entry = content.index(b"mp4v", content.index(b"stsd"))
+    content[entry : entry + 4] = b"none"
+    content[content.index(b"\x20\x11", content.index(b"esds"))] = 0
+    (tmp_path / "a.mp4").write_bytes(content)
+    (tmp_path / "out").mkdir()
+    capfd.readouterr()
+    level = cv2.utils.logging.getLogLevel()
+    with pytest.raises(InputError, match="expected a video of at least 3 frames that decode, found 0"):
+        import_video(tmp_path / "a.mp4", tmp_path / "out", 3, 2048, lambda _: None)
+    assert "ERROR" not in "".join(capfd.readouterr())
+    assert cv2.utils.logging.getLogLevel() == level

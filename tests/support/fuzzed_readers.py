@@ -4,8 +4,7 @@ import gzip
 import json
 import pickle
 import shutil
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +12,8 @@ import cv2
 import numpy as np
 import torch
 import trimesh
+from fuzzed_photographs import import_one, read_video, write_photographs
+from fuzzed_reader import FuzzedReader
 from torch import Tensor
 from workspace import write_workspace
 
@@ -56,6 +57,8 @@ from neural_strands.preparation.mask_edits import MaskEdits
 from neural_strands.preparation.masks.segmenter import read_mask
 from neural_strands.preparation.masks.votes import VOTES, read_votes, write_votes
 from neural_strands.preparation.photographs.folder import Photograph, read_list, read_picture, write_list, write_picture
+from neural_strands.preparation.photographs.hdr import hdr_transfer
+from neural_strands.preparation.photographs.metadata import orientation_of
 from neural_strands.preparation.stage import run_stage
 from neural_strands.prior.vae import SHIPPED, load_prior
 from neural_strands.runs.newest_model import load_newest_model, newest_state
@@ -74,23 +77,6 @@ BALL_VERTICES = 162
 STAGE_INPUTS = {"photographs": "2a" * 32, "longest_side": 2048, "scale": None}
 
 
-@dataclass(frozen=True)
-class FuzzedReader:
-    """One way in.
-
-    Attributes:
-        name: of the reader and its format.
-        file: what is damaged, in the corpus.
-        read: takes that file; what it returns is whole and finite.
-        is_slow: whether it takes more than some hundredths of a second.
-    """
-
-    name: str
-    file: str
-    read: Callable[[Path], object]
-    is_slow: bool = False
-
-
 def write_corpus(folder: Path) -> None:
     """Write a valid file for every reader."""
     write_workspace(folder)
@@ -99,6 +85,7 @@ def write_corpus(folder: Path) -> None:
     _write_meshes(folder / "meshes")
     _write_colmap(folder)
     _write_pictures(folder / "pictures")
+    write_photographs(folder / "photographs")
     _write_preparation(folder / "preparation")
     _write_settings(folder / "settings")
     shutil.copyfile(SHIPPED, folder / "prior.safetensors")
@@ -362,6 +349,10 @@ READERS = (
     ),
     FuzzedReader("rendering", "pictures/alpha.png", read_rendering),
     FuzzedReader("mask", "pictures/mask.png", lambda path: read_mask(path, (32, 24))),
+    *(FuzzedReader(f"photograph {name}", f"photographs/{name}", import_one) for name in ("a.jpg", "a.heic", "a.tif")),
+    *(FuzzedReader(f"EXIF of {name}", f"photographs/{name}", orientation_of) for name in ("a.jpg", "a.tif")),
+    FuzzedReader("video", "photographs/a.mp4", read_video),
+    FuzzedReader("colours of a video", "photographs/hlg.mp4", hdr_transfer),
     FuzzedReader("segments", "segments.npz", _segments),
     FuzzedReader("points to score", "grooms/groom.ply", read_oriented_points),
     FuzzedReader("strokes", "settings/strokes.json", _strokes),

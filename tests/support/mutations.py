@@ -1,7 +1,7 @@
 """Damage to whole files from a seed: blind edits of bytes, and edits that keep the container's own checks intact.
 
-An archive whose checksum no longer fits is refused at the door. So archives, pictures and safetensors are also taken
-apart, damaged inside, and put together again with checksums and lengths that fit.
+An archive whose checksum no longer fits is refused at the door. So archives, pictures, videos and safetensors are also
+taken apart, damaged inside, and put together again with checksums and lengths that fit.
 """
 
 import io
@@ -12,6 +12,8 @@ import zipfile
 import zlib
 from random import Random
 from typing import Any
+
+from media_mutations import BOXES, JPEG, damaged_boxes, damaged_jpeg
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 CLAIMS = [
@@ -70,6 +72,10 @@ def mutated(random: Random, content: bytes) -> bytes:
         return _archive(random, content)
     if content.startswith(PNG):
         return _picture(random, content)
+    if content.startswith(JPEG):
+        return damaged_jpeg(random, content, _edited)
+    if content[4:8] == BOXES:
+        return damaged_boxes(random, content, _edited)
     if content[8:9] == b"{" and len(content) > 8 and int.from_bytes(content[:8], "little") < len(content):
         return _tensors(random, content)
     if content.lstrip()[:1] in (b"{", b"["):

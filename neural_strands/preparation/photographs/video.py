@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -43,13 +44,14 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
     """
     # Otherwise its decoder writes lines of its own to the terminal. A value that the user set is kept.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", QUIET)
-    expected = _claimed_frames(path)
-    photographs, number = _sharpest(path, out, frames, longest_side, expected)
-    if abs(number - expected) > MISCOUNT * expected:
-        # Recordings of browsers and screens do not say how long they are, or count what is no frame.
-        for photograph in photographs:
-            (out / photograph.name).unlink()
-        photographs, number = _sharpest(path, out, frames, longest_side, number)
+    with _silent_opencv():
+        expected = _claimed_frames(path)
+        photographs, number = _sharpest(path, out, frames, longest_side, expected)
+        if abs(number - expected) > MISCOUNT * expected:
+            # Recordings of browsers and screens do not say how long they are, or count what is no frame.
+            for photograph in photographs:
+                (out / photograph.name).unlink()
+            photographs, number = _sharpest(path, out, frames, longest_side, number)
     if len(photographs) < FEWEST:
         raise InputError(
             f"{path}: expected a video of at least {FEWEST} frames that decode, found {number}; convert it to MP4 "
@@ -64,6 +66,17 @@ def import_video(path: Path, out: Path, frames: int, longest_side: int, say: Cal
             "flat and pale; convert it to SDR, or record with HDR switched off, for true colours."
         )
     return photographs
+
+
+@contextmanager
+def _silent_opencv() -> Iterator[None]:
+    """Keep OpenCV from writing to the terminal that it has no decoder for a video."""
+    log = cv2.utils.logging
+    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        log.setLogLevel(level)
 
 
 def _claimed_frames(path: Path) -> int:
