@@ -75,9 +75,9 @@ def find_file(file: PublishedFile, fetch: bool = True, is_required: bool = True)
         raise InputError(f"{file.names[0]}: expected it in a folder of weights, found it in none; {remedy}.")
     target = cache_folder() / file.names[0]
     failure = target.with_name(f"{target.name}.failed")
-    if not is_required and (ago := _seconds_since(failure)) < PAUSE:
+    if not is_required and _seconds_since(failure) < PAUSE:
         raise InputError(
-            f"{file.names[0]}: not found, and {file.address} could not be fetched {ago / 60:.0f} minutes ago; "
+            f"{file.names[0]}: not found, and {file.address} could not be fetched within the last hour; "
             f"{remedy}, or delete {failure} to try again now."
         )
     try:
