@@ -2,10 +2,12 @@
 
 The parts, in order: tests that compare the device with the CPU; the speed of frames, of the prior, of a fit's step, and
 of line drawing compared with OpenGL; a synthetic capture, unless CAPTURE names one; stereo; the `paper` preset and its
-scores. A call ends after `--seconds` with status 75, and the same command resumes, the fit from its checkpoint. OUT
-contains a JSON file and a log per part, and `results.md` with tables in the form of docs/results.md. Status 1 means
-that a part has failed; remove its `.failed.json` to retry it. Status 2 means that the machine lacks something that one
-sentence names. `--device cpu --quick` runs tiny versions of all parts within minutes on any machine.
+scores; splats of the same photographs by gsplat and OpenSplat, if `--gsplat` names gsplat's trainer and `--opensplat`
+the other program (see benchmarks/rivals). A call ends after `--seconds` with status 75, and the same command resumes,
+the fit from its checkpoint. OUT contains a JSON file and a log per part, and `results.md` with tables in the form of
+docs/results.md. Status 1 means that a part has failed; remove its `.failed.json` to retry it. Status 2 means that the
+machine lacks something that one sentence names. `--device cpu --quick` runs tiny versions of all parts within minutes
+on any machine.
 """
 
 import argparse
@@ -33,6 +35,8 @@ PACKAGES = ("torch", "warp", "tyro", "trimesh", "pytest", "pytest_timeout", "bea
 """Packages without which parts fail."""
 NO_TESTS = 5
 """pytest's status if no test in a folder uses the device."""
+RIVAL_ITERATIONS = 7000
+"""Of rivals, so that they end within a call; both have defaults for 30,000, whose intervals they shorten."""
 TESTS = ("raster", "geometry", "model", "lmvs", "fitting", "prior")
 TINY_CAPTURE = """
 import sys
@@ -84,10 +88,11 @@ def parts(options: argparse.Namespace) -> list[Part]:
     ]
     for side in (64,) if quick else (512, 1024):
         strands, runs = ("300", "1") if quick else ("30000", "10")
-        found.append(Part(f"frame_{side}", speed("render", "--strands", strands, "--size", str(side), "--runs", runs)))
+        words = ["--strands", strands, "--size", str(side), "--runs", runs, "--no-twins"]
+        found.append(Part(f"frame_{side}", speed("render", *words)))
     found.append(Part("prior", speed("prior", "--json", *(["--strands", "300", "--repeats", "2"] if quick else []))))
     step = ["--preset", "demo", "--resolution", "64"] if quick else ["--preset", "paper", "--resolution", "1024"]
-    found.append(Part("step", speed("fit_step", *step), said))
+    found.append(Part("step", speed("fit_step", *step, "--no-twins", "--no-grow"), said))
     found.append(Part("lines", speed("lines", *(["--repeats", "5"] if quick else [])), said))
     if options.capture is None:
         words = ["--views", "60", "--resolution", "1024", "--strands", "30000"]
@@ -101,7 +106,31 @@ def parts(options: argparse.Namespace) -> list[Part]:
         settings += ["--segments", str(out / "segments.npz")]
     found.append(Part("paper_fit", [*fit, *settings], goes_on=True))
     found.append(Part("paper_scores", ["-m", "neural_strands", "evaluate", str(run), "--json", "--device", device]))
-    return found
+    return [*found, *_rivals(options, capture)]
+
+
+def _rivals(options: argparse.Namespace, capture: Path) -> list[Part]:
+    """Those that are not there say so."""
+    shared = ["--iterations", str(20 if options.quick else RIVAL_ITERATIONS)]
+    programs = {
+        "gsplat": ("gsplat_rival", "--trainer", options.gsplat, []),
+        "opensplat": ("opensplat", "--program", options.opensplat, ["--device", options.device]),
+    }
+    return [
+        Part(
+            f"rival_{name}",
+            [
+                f"benchmarks/rivals/{script}.py",
+                str(capture),
+                str(options.out / f"rival_{name}_files"),
+                *shared,
+                *words,
+                *([] if program is None else [option, str(program.absolute())]),
+            ],
+            goes_on=True,
+        )
+        for name, (script, option, program, words) in programs.items()
+    ]
 
 
 def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
@@ -186,6 +215,8 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=520.0, help="after which a call ends")
     parser.add_argument("--quick", action="store_true", help="tiny sizes, to see that everything runs")
     parser.add_argument("--only", default="", help="parts whose names hold this")
+    parser.add_argument("--gsplat", type=Path, help="gsplat's examples/simple_trainer.py")
+    parser.add_argument("--opensplat", type=Path, help="OpenSplat's program")
     options = parser.parse_args()
     options.out = options.out.absolute()
     options.capture = None if options.capture is None else options.capture.absolute()

@@ -54,6 +54,7 @@ def results(out: Path, about: Mapping[str, str], quick: bool = False) -> str:
         ("Prior", _prior(records)),
         ("Geometry", _geometry(records)),
         ("Images", _images(records)),
+        ("Rivals, over the hair of the held-out views", _rivals(records)),
     ):
         if found:
             parts += [f"### {title}", found]
@@ -121,6 +122,21 @@ def _geometry(records: Mapping[str, Any]) -> str:
         if cells:
             rows.append((what, *cells))
     return table(("what", *THRESHOLDS.values()), rows)
+
+
+def _rivals(records: Mapping[str, Any]) -> str:
+    rows = []
+    for name, record in records.items():
+        if not name.startswith("rival_"):
+            continue
+        rival = name.removeprefix("rival_")
+        if "scores" not in record:
+            rows.append((rival, "-", "-", "-", "-", "-", f"skipped: {record.get('skipped', 'no scores')}"))
+            continue
+        hair = record["scores"]["mean"]["hair"]
+        cells = ["-" if hair[key] is None else f"{hair[key]:.4g}" for key in ("psnr", "ssim", "lpips")]
+        rows.append((rival, f"{record['iterations']:,}", f"{record['minutes']:.1f}", *cells, ""))
+    return table(("rival", "iterations", "minutes", "PSNR", "SSIM", "LPIPS", ""), rows)
 
 
 def _images(records: Mapping[str, Any]) -> str:

@@ -24,12 +24,13 @@ def gpu():
 
 
 def options(out, **changes):
-    plain = {"out": out, "capture": None, "device": "cpu", "quick": False}
+    plain = {"out": out, "capture": None, "device": "cpu", "quick": False, "gsplat": None, "opensplat": None}
     return argparse.Namespace(**{**plain, **changes})
 
 
-def fields(script):
-    """Options of a program in `benchmarks/speed`."""
+def fields(script, monkeypatch):
+    """Options of a program in `benchmarks/speed` or `benchmarks/rivals`."""
+    monkeypatch.syspath_prepend(str(script.parent))
     spec = importlib.util.spec_from_file_location(f"speed_{script.stem}", script)
     assert spec is not None
     assert spec.loader is not None
@@ -37,15 +38,18 @@ def fields(script):
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-        return {f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(module.Arguments)}
+        flags = ("--", "--no-")
+        names = (field.name.replace("_", "-") for field in dataclasses.fields(module.Arguments))
+        return {f"{flag}{name}" for name in names for flag in flags}
     finally:
         del sys.modules[spec.name]
 
 
 @pytest.mark.parametrize("quick", [False, True])
 @pytest.mark.parametrize("capture", [None, Path("capture")])
-def test_every_part_exists_and_takes_its_options(gpu, tmp_path, quick, capture):
-    found = gpu.parts(options(tmp_path, quick=quick, capture=capture))
+def test_every_part_exists_and_takes_its_options(gpu, tmp_path, monkeypatch, quick, capture):
+    programs = {"gsplat": Path("simple_trainer.py"), "opensplat": Path("opensplat")} if quick else {}
+    found = gpu.parts(options(tmp_path, quick=quick, capture=capture, **programs))
     assert len({part.name for part in found}) == len(found) >= 8
     for part in found:
         first, *words = part.command
@@ -54,7 +58,7 @@ def test_every_part_exists_and_takes_its_options(gpu, tmp_path, quick, capture):
         elif words[:1] == ["neural_strands"]:
             assert _parse(words[1], words[2:]) is not None
         elif first != "-c":
-            assert {word for word in words if word.startswith("--")} <= fields(ROOT / first)
+            assert {word for word in words if word.startswith("--")} <= fields(ROOT / first, monkeypatch)
 
 
 def test_a_stopped_part_goes_on_and_a_done_one_is_left_alone(gpu, tmp_path):
@@ -117,6 +121,12 @@ def test_the_tables_are_those_of_the_results(gpu, tmp_path):
             "strands": {"1mm/10deg": level, "2mm/20deg": level, "3mm/30deg": level, "4mm/40deg": level},
             "held_out_views": {"count": 12, "psnr": 27.123, "ssim": 0.5, "lpips": None},
         },
+        "rival_gsplat": {"skipped": "gsplat: there is no GPU"},
+        "rival_opensplat": {
+            "iterations": 7000,
+            "minutes": 3.21,
+            "scores": {"mean": {"hair": {"psnr": 25.5, "ssim": 0.625, "lpips": None}}},
+        },
     }
     for name, record in records.items():
         (tmp_path / f"{name}.json").write_text(json.dumps(record))
@@ -131,6 +141,8 @@ def test_the_tables_are_those_of_the_results(gpu, tmp_path):
         "| decode all | 12.5 |",
         "| strands | 50.0 40.0 44.5 | 50.0 40.0 44.5 | 50.0 40.0 44.5 |",
         "| 12 | 27.12 | 0.5 | - |",
+        "| gsplat | - | - | - | - | - | skipped: gsplat: there is no GPU |",
+        "| opensplat | 7,000 | 3.2 | 25.5 | 0.625 | - |  |",
     ):
         assert line in told.splitlines()
     tiny = gpu.results(tmp_path, {"device": "H200"}, quick=True)

@@ -160,15 +160,32 @@ def write_points(path: Path, seeds: SeedPoints) -> None:
         temporary.write_bytes("\n".join([*lines, "end_header", ""]).encode() + table.tobytes())
 
 
-def write_scene(folder: Path, views: Sequence[View], head: Mesh, plain: Float[Tensor, "3"], seeds: SeedPoints) -> None:
-    """Write the folder that a splat program reads: photographs before a plain surround, cameras, and first points."""
+def write_scene(
+    folder: Path,
+    views: Sequence[View],
+    head: Mesh,
+    plain: Float[Tensor, "3"],
+    seeds: SeedPoints,
+    negative: bool = False,
+) -> None:
+    """Write the folder that a splat program reads: photographs before a plain surround, cameras, and first points.
+
+    Args:
+        folder: to write.
+        views: photographs.
+        head: stands for the person where there is no mask of it.
+        plain: colour of the surround, encoded.
+        seeds: the first points.
+        negative: whether the negatives of the photographs are written, surround included.
+    """
     writer, cameras = CaptureWriter(folder), []
     for view in views:
         part = centred(view.camera)
         shown = view.cropped(part)
         # Without folders in its name, a photograph is found by every reader.
         camera = replace(shown.camera, name=Path(view.camera.name.replace("/", "_")).with_suffix(".png").name)
-        writer.write_view(camera, part.of(over_plain(view, head, plain)))
+        picture = part.of(over_plain(view, head, plain))
+        writer.write_view(camera, 1 - picture if negative else picture)
         cameras.append(camera)
     write_points(folder / "points.ply", seeds)
     writer.finish(cameras)
