@@ -70,7 +70,7 @@ def compare_lengths(
         The agreement; None if no strand grows where a true one does, or most true strands have no length.
     """
     beside, _ = nearest(found[:, 0], truth[:, 0], ROOTED)
-    ours, true = lengths(found[beside.isfinite()]), lengths(truth)
+    ours, true = lengths(found[beside.isfinite()]).cpu(), lengths(truth).cpu()
     if len(ours) == 0 or not float(true.quantile(0.5)) > 0:
         return None
     quantiles = [float(each.quantile(share)) for each in (ours, true) for share in (0.5, 0.95)]
