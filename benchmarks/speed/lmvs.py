@@ -1,8 +1,11 @@
 """Line-based multi-view stereo: time and memory of a capture end to end, and its score against the ground truth.
 
     python benchmarks/speed/lmvs.py CAPTURE OUT [--keep] [--device cuda]
+    python benchmarks/speed/lmvs.py CAPTURE OUT --views 10 20 40 --sides 128 256 512
 
-OUT/work is emptied first unless --keep is given.
+OUT/work is emptied first unless --keep is given. With `--views` or `--sides`, a table shows instead how the cost grows
+with the number of views, spread evenly over the capture, and with the longer side of the photographs, reduced if they
+are larger; numbers that the capture does not have are left out.
 """
 
 import math
@@ -14,6 +17,7 @@ from typing import Annotated
 
 import torch
 import tyro
+from beside import table
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import read_head
@@ -43,10 +47,40 @@ class Arguments:
     """Reuse results of an earlier run in OUT/work."""
     device: DeviceName = "cpu"
     """Device."""
+    views: tuple[int, ...] = ()
+    """Numbers of views."""
+    sides: tuple[int, ...] = ()
+    """Longer sides of the photographs, pixels."""
+
+
+def spread(count: int, among: int) -> list[int]:
+    """So many indices, spread evenly."""
+    return [place * among // count for place in range(count)]
+
+
+def growth(given: Arguments, capture: Capture, device: torch.device) -> str:
+    """A row for every number of views, at full size, and for every side, with all views."""
+    side = max(max(camera.width, camera.height) for camera in capture.cameras)
+    views = sorted({count for count in given.views if count < len(capture)} | {len(capture)})
+    sides = sorted(length for length in given.sides if length < side)
+    settings = [(count, side) for count in views] + [(len(capture), length) for length in sides]
+    file = read_head(capture)
+    head = None if file is None else file.mesh.to(device)
+    rows = []
+    for count, length in settings:
+        chosen = capture.subset(spread(count, len(capture))).views_on(device).reduced(length)
+        begin = time.perf_counter(), time.process_time()
+        found = reconstruct(chosen, head, LmvsConfig(), torch.Generator().manual_seed(0)).to("cpu")
+        wall, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
+        rows.append((count, length, wall, processor, processor / count, len(found)))
+    return table(("views", "side", "wall s", "processor s", "a view", "points"), rows)
 
 
 def main(given: Arguments) -> None:
     device = pick_device(given.device)
+    if given.views or given.sides:
+        print(growth(given, Capture.load(given.capture), device))
+        return
     if not given.keep:
         shutil.rmtree(given.out / "work", ignore_errors=True)
     capture = Capture.load(given.capture)

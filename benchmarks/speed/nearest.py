@@ -2,14 +2,16 @@
 
     python benchmarks/speed/nearest.py
 
-Times the building of the grid and the search, on 2 CPU threads and, if available, on CUDA.
+Times the building of the grid and the search, on 2 CPU threads and, if available, on CUDA; and, in processor time and
+in turn with ours on the CPU, SciPy's k-d tree.
 """
 
 import json
 import sys
-import time
 
 import torch
+from beside import beside
+from scipy.spatial import KDTree
 from score import groom
 
 from neural_strands.evaluation.timing import time_function
@@ -18,6 +20,19 @@ from neural_strands.geometry.point_queries import nearest
 
 RADII = (0.002, 0.005, 0.01)
 """Metres."""
+
+
+def peer(points: torch.Tensor, queries: torch.Tensor, radius: float) -> dict[str, float]:
+    """Processor milliseconds of ours and of SciPy's k-d tree, of building and searching."""
+    tree, grid, wanted = KDTree(points.numpy()), PointGrid.build(points, radius), queries.numpy()
+    build = ("k-d tree", lambda: KDTree(points.numpy()))
+    search = ("k-d tree", lambda: tree.query(wanted, distance_upper_bound=radius))
+    rows = [
+        beside("build", lambda: PointGrid.build(points, radius), build, runs=2),
+        beside("search", lambda: nearest(queries, grid, radius), search, runs=2),
+    ]
+    pairs = ((f"{row.what}_cpu_ms", row.ours, row.theirs or 0.0) for row in rows)
+    return {name: round(ms, 1) for key, ours, tree in pairs for name, ms in ((key, ours), (f"kd_tree_{key}", tree))}
 
 
 def main() -> None:
@@ -31,9 +46,6 @@ def main() -> None:
             grid = PointGrid.build(here, radius)
             build = time_function(lambda: PointGrid.build(here, radius), device)  # noqa: B023
             search = time_function(lambda: nearest(there, grid, radius), device)  # noqa: B023
-            cpu_start = time.process_time()
-            nearest(there, grid, radius)
-            cpu = time.process_time() - cpu_start
             figures = {
                 "device": device,
                 "threads": torch.get_num_threads(),
@@ -41,7 +53,7 @@ def main() -> None:
                 "found_percent": round(100 * float((nearest(there, grid, radius)[1] >= 0).float().mean()), 1),
                 "build_ms": round(1e3 * build.fastest, 1),
                 "search_ms": round(1e3 * search.fastest, 1),
-                "search_cpu_ms": round(1e3 * cpu, 1),
+                **(peer(here, there, radius) if device == "cpu" else {}),
             }
             sys.stdout.write(json.dumps(figures) + "\n")
 

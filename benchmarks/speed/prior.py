@@ -2,7 +2,9 @@
 
     python benchmarks/speed/prior.py [--device cpu] [--threads 2] [--json]
 
-Prints the shortest of several runs (milliseconds), and the ratio of the cost of twice the strands or points.
+Prints the shortest of several runs (milliseconds), and the ratio of the cost of twice the strands or points. Then,
+beside it in turn, the naive twin that decodes all strands at once with dense matrices, whose sines do not fit into the
+processor's cache.
 """
 
 import json
@@ -12,6 +14,7 @@ from dataclasses import dataclass
 
 import torch
 import tyro
+from beside import Beside, beside, beside_table
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.foundation.memory import keep_freed_memory
@@ -59,6 +62,25 @@ def measured(device: torch.device, strands: int, repeats: int) -> dict[str, floa
     }
 
 
+def twins(device: torch.device, strands: int, repeats: int) -> list[Beside]:
+    """Decoding, in blocks that fit into the cache, beside decoding all at once; on CUDA both are the same."""
+    prior = load_prior(device=device)
+    generator, bare = prior.generator, prior.without_modulator().generator
+    latent = torch.randn(strands, 64, generator=torch.Generator().manual_seed(0)).to(device)
+
+    def backward(decode: Callable[[torch.Tensor], torch.Tensor]) -> None:
+        decode(latent.clone().requires_grad_(True)).sum().backward()
+
+    twin = "all strands at once"
+    with torch.no_grad():
+        rows = [
+            beside(name, lambda: decoder(latent), (twin, lambda: decoder.reference(latent)), device, repeats)  # noqa: B023
+            for name, decoder in (("decode", generator), ("decode without modulator", bare))
+        ]
+    both = (twin, lambda: backward(generator.reference))
+    return [*rows, beside("decode and backward", lambda: backward(generator), both, device, repeats)]
+
+
 @dataclass(frozen=True)
 class Arguments:
     """Options of the program."""
@@ -86,6 +108,7 @@ def main(arguments: Arguments) -> None:
         return
     for name, value in figures.items():
         print(f"{name:30} {value:9.2f}")
+    print(f"\n{beside_table(twins(device, strands, arguments.repeats), device)}")
 
 
 if __name__ == "__main__":

@@ -5,15 +5,21 @@
 
 The groom is made here: strands of the shipped generator on a hemisphere of 9 cm. A static frame renders strands that
 were decoded before; a dynamic frame decodes them too. Then the cost is measured against strands and against pixels.
-Each figure is the fastest of several runs. Prints one JSON object.
+Each figure is the fastest of several runs. Prints one JSON object, or tables with `--table`. `beside_plain_torch` has
+what stages take and, in turn with them, the naive twins of plain.py, in processor time on a CPU (`--no-twins` leaves it
+out).
 """
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import torch
 import tyro
+from beside import Beside, beside, beside_table, table
+from plain import plain_torch
 
 from neural_strands.cli.device import DeviceName, pick_device
 from neural_strands.evaluation.timing import peak_memory, time_function
@@ -23,12 +29,13 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.turntable import turntable_cameras
+from neural_strands.model import hair_model as hair_model_module
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
-from neural_strands.raster.lines import LineConfig, rasterise_lines
+from neural_strands.raster.lines import LineBuffer, LineConfig, rasterise_lines
 from neural_strands.raster.splat import SplatMap
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.raster.visible import visible_points
@@ -58,6 +65,10 @@ class Arguments:
     """Measured runs of each figure."""
     compile: bool = False
     """Run the UNet through torch.compile (CUDA)."""
+    twins: bool = True
+    """Run the naive twins, too."""
+    table: bool = False
+    """Print tables instead of JSON."""
 
 
 def ball(rings: int = 24) -> Mesh:
@@ -103,31 +114,65 @@ def hair_model(strands: int, arguments: Arguments, device: torch.device) -> Hair
     return model
 
 
-def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]:
-    """Milliseconds of each stage and of whole frames."""
-    device, factor = model.root_uv.device, model.config.supersample
+def stages(model: HairModel, camera: Camera) -> dict[str, Callable[[], object]]:
+    """Each stage of a frame, and whole frames."""
+    factor = model.config.supersample
     renderer = HairRenderer.of(model)
     strands, volume = renderer.strands, renderer.volume
     fine = camera.resized(camera.width * factor, camera.height * factor)
     body = model.body(fine)
     lines = rasterise_lines(strands.points, fine, body.depth, model.lines)
 
+    def drawn() -> LineBuffer:
+        return hair_model_module.rasterise_lines(strands.points, fine, body.depth, model.lines)
+
     def splatted() -> list[SplatMap]:
         visible = visible_points(lines, strands.points, factor, strands.t)
         return model.splat_descriptors(strands, visible, camera, volume=volume)
 
     maps = splatted()
-    stages = {
+    return {
         "decode": model.decode,
         "body": lambda: model.body.colours(rasterise_triangles(model.body.vertices, model.body.faces, fine), factor),
-        "lines": lambda: rasterise_lines(strands.points, fine, body.depth, model.lines),
+        "lines": drawn,
         "volume": lambda: hair_volume(strands.points),
         "splat": splatted,
         "unet": lambda: model.generate(maps, camera),
         "static_frame": lambda: renderer.render(camera),
         "dynamic_frame": lambda: HairRenderer.of(model).render(camera),
     }
-    return {name: round(1e3 * time_function(run, device, runs, 2).fastest, 2) for name, run in stages.items()}
+
+
+def frame_times(model: HairModel, camera: Camera, runs: int) -> dict[str, float]:
+    """Milliseconds of each stage and of whole frames."""
+    device = model.root_uv.device
+    return {
+        name: round(1e3 * time_function(run, device, runs, 2).fastest, 2) for name, run in stages(model, camera).items()
+    }
+
+
+def beside_plain(model: HairModel, camera: Camera, runs: int) -> list[Beside]:
+    """The stages that plain torch does otherwise, beside it."""
+    device = model.root_uv.device
+
+    def plain(run: Callable[[], object]) -> Callable[[], None]:
+        def work() -> None:
+            with plain_torch():
+                run()
+
+        return work
+
+    found, changed = stages(model, camera), ("decode", "lines", "splat", "unet", "static_frame", "dynamic_frame")
+    return [beside(name, found[name], ("plain torch", plain(found[name])), device, runs) for name in changed]
+
+
+def as_tables(figures: dict[str, Any], device: torch.device, twins: list[Beside]) -> str:
+    """The figures for people."""
+    heads = [f"{name}: {figures[name]}" for name in ("device", "strands", "size", "supersample", "peak_gigabytes")]
+    parts = [", ".join(heads), table(("wall ms", "fastest"), list(figures["milliseconds"].items()))]
+    for name, what in (("by_pixels", "side, pixels"), ("by_strands", "strands")):
+        parts.append(table((what, "static frame, wall ms"), list(figures[name].items())))
+    return "\n\n".join([*parts, *([beside_table(twins, device)] if twins else [])])
 
 
 def view(model: HairModel, side: int) -> Camera:
@@ -164,7 +209,9 @@ def main(arguments: Arguments) -> None:
         if arguments.supersample != 1:
             plain = hair_model(strands, replace(arguments, supersample=1, lines=LineConfig()), device)
             figures["without_supersampling"] = frame_times(plain, view(plain, side), arguments.runs)
-    sys.stdout.write(json.dumps(figures) + "\n")
+        twins = beside_plain(model, view(model, side), max(arguments.runs // 3, 1)) if arguments.twins else []
+        figures["beside_plain_torch"] = {row.what: [row.ours, row.theirs] for row in twins}
+    sys.stdout.write((as_tables(figures, device, twins) if arguments.table else json.dumps(figures)) + "\n")
 
 
 if __name__ == "__main__":

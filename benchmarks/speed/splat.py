@@ -1,17 +1,22 @@
 """The static raster part of a frame: lines, visible points, splat pyramid and its backward pass, with peak memory.
 
-python benchmarks/speed/splat.py [--device cpu|cuda]
+    python benchmarks/speed/splat.py [--device cpu|cuda]
+
+Grows with strands and pixels. Then the splat of one setting beside its naive twin, scattered sums of torch.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 
 import torch
 import tyro
+from beside import beside, beside_table
 from lines import groom, peak_megabytes, timed, view
+from plain import splat_pyramid_reference
 
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.raster.splat import splat_pyramid
+from neural_strands.raster.splat import SplatMap, splat_pyramid
 from neural_strands.raster.visible import visible_points
 
 
@@ -27,6 +32,59 @@ class Arguments:
     """Channels splatted."""
     levels: int = 4
     """Resolutions splatted."""
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """Points of a groom with features, to be splatted."""
+
+    pixels: torch.Tensor
+    features: torch.Tensor
+    size: int
+    levels: int
+
+    def planes(self, splat: Callable[..., list[SplatMap]]) -> list[torch.Tensor]:
+        """All maps."""
+        maps = splat(self.pixels, self.features, (self.size, self.size), self.levels)
+        return [plane for found in maps for plane in found]
+
+    def gradients(self, splat: Callable[..., list[SplatMap]]) -> tuple[torch.Tensor, ...]:
+        """Of the sum of all maps, maps included."""
+        planes = self.planes(splat)
+        return torch.autograd.grad(planes, [self.pixels, self.features], [torch.ones_like(plane) for plane in planes])
+
+
+def scattered(arguments: Arguments, strands: int, size: int) -> Scattered:
+    """The visible points of a groom."""
+    points, camera = groom(strands).to(arguments.device), view(size).to(arguments.device)
+    visible = visible_points(rasterise_lines(points, camera), points)
+    features = torch.randn(len(visible), arguments.channels, generator=torch.Generator().manual_seed(0))
+    pixels = camera.project(visible.world)[0].detach().requires_grad_()
+    return Scattered(pixels, features.to(arguments.device).requires_grad_(), size, arguments.levels)
+
+
+def twins(arguments: Arguments, strands: int = 10_000, size: int = 512) -> str:
+    """The splat of one setting beside its twin; both give the same."""
+    work, twin, runs = scattered(arguments, strands, size), "scattered sums of torch", max(arguments.repeats // 4, 1)
+    for ours, theirs in zip(work.gradients(splat_pyramid), work.gradients(splat_pyramid_reference), strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-3, rtol=1e-3)
+    with torch.no_grad():
+        forward = beside(
+            "forward",
+            lambda: work.planes(splat_pyramid),
+            (twin, lambda: work.planes(splat_pyramid_reference)),
+            arguments.device,
+            runs,
+        )
+    both = beside(
+        "forward and backward",
+        lambda: work.gradients(splat_pyramid),
+        (twin, lambda: work.gradients(splat_pyramid_reference)),
+        arguments.device,
+        runs,
+    )
+    heading = f"splat of {strands} strands, {size} x {size}, {len(work.pixels)} points"
+    return f"{heading}\n{beside_table([forward, both], arguments.device)}"
 
 
 def measure(arguments: Arguments, strands: int, size: int) -> str:
@@ -56,6 +114,7 @@ def main(arguments: Arguments) -> None:
     print(f"device {arguments.device}, torch threads {torch.get_num_threads()}; median (least) ms")
     for strands, size in ((5_000, 512), (10_000, 256), (10_000, 512), (20_000, 512), (30_000, 1024)):
         print(measure(arguments, strands, size))
+    print(f"\n{twins(arguments)}")
 
 
 if __name__ == "__main__":
