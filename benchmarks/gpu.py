@@ -88,11 +88,11 @@ def parts(options: argparse.Namespace) -> list[Part]:
     ]
     for side in (64,) if quick else (512, 1024):
         strands, runs = ("300", "1") if quick else ("30000", "10")
-        words = ["--strands", strands, "--size", str(side), "--runs", runs]
+        words = ["--strands", strands, "--size", str(side), "--runs", runs, "--no-twins"]
         found.append(Part(f"frame_{side}", speed("render", *words)))
     found.append(Part("prior", speed("prior", "--json", *(["--strands", "300", "--repeats", "2"] if quick else []))))
     step = ["--preset", "demo", "--resolution", "64"] if quick else ["--preset", "paper", "--resolution", "1024"]
-    found.append(Part("step", speed("fit_step", *step), said))
+    found.append(Part("step", speed("fit_step", *step, "--no-twins", "--no-grow"), said))
     found.append(Part("lines", speed("lines", *(["--repeats", "5"] if quick else [])), said))
     if options.capture is None:
         words = ["--views", "60", "--resolution", "1024", "--strands", "30000"]

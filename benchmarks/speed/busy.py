@@ -16,7 +16,7 @@ most 1.5 beside two busy processes.
 The cores are those that this process may use (`taskset` restricts them, for the busy processes too), which should be
 quiet otherwise. The image step is that of fit_step.py, the frame that of render.py, both on the CPU. Figures are
 medians. What they take alone is measured before and after, and the mean counts. If both differ much, the machine was
-not quiet.
+not quiet. A frame that is shorter than a turn of the scheduler may take less than its fair time.
 """
 
 import contextlib
