@@ -5,7 +5,7 @@
 gsplat (github.com/nerfstudio-project/gsplat, Apache-2.0) is no part of this project: install it and what its examples
 need for the Python that runs this, and name the trainer, which is called as a program with its default settings. It
 sees what OpenSplat sees (see opensplat.py): the training views of `neural-strands fit` before a plain surround, and
-points of the hair and of the head. The trainer blends splats over black, which dark hair could not be told from. So it
+points of the hair and of the head. The trainer blends splats over black, from which it could not tell dark hair. So it
 gets the negatives of dark hair, and its pictures are turned back. It holds out every n-th photograph, the first one
 included, and n is larger than their number: so the first photograph is there twice.
 
@@ -19,6 +19,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +27,12 @@ import torch
 import tyro
 from colmap_scene import write_colmap
 from scene import SeedPoints, write_scene
-from splat_rival import SplatArguments, asked_of, given, judged, run_program, shown_views
+from splat_rival import WHOLE, SplatArguments, given, print_result, run_program
 
 from neural_strands.capture.capture import Capture
-from neural_strands.capture.head import find_head
-from neural_strands.foundation.files import write_json
 from neural_strands.geometry.views import View
 from neural_strands.scalp.head import Head
 
-WHOLE = 30_000
-"""Number of iterations for which its defaults are made."""
 NEVER = 1_000_000
 """More than there are photographs or iterations."""
 DARK = 0.5
@@ -122,16 +119,7 @@ def main(arguments: Arguments) -> None:
         return
     if not trainer.is_file():
         raise SystemExit(f"{trainer}: expected gsplat's trainer, found none; name its file.")
-    capture, out = Capture.load(arguments.capture), arguments.out
-    head = find_head(capture, None)
-    chosen = shown_views(capture, arguments)
-    asked, trained = asked_of(arguments, capture, chosen, iterations=arguments.iterations), out / "trained.json"
-    if not trained.is_file():
-        write_json(trained, {"asked": asked, **reconstruct(arguments, trainer, capture, head, chosen)})
-    kept = json.loads(trained.read_text())
-    if kept["asked"] != asked:
-        raise SystemExit(f"{out}: was made with other settings; delete it, or choose another folder.")
-    print(json.dumps(judged(arguments, capture, head, kept["negative"])))
+    print_result(arguments, partial(reconstruct, arguments, trainer), iterations=arguments.iterations)
 
 
 if __name__ == "__main__":

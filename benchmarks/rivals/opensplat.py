@@ -14,23 +14,20 @@ last. What is finished in OUT is not done again.
 import json
 import os
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
 import tyro
 from scene import write_scene
-from splat_rival import Spent, SplatArguments, asked_of, given, judged, run_program, shown_views
+from splat_rival import WHOLE, Spent, SplatArguments, given, print_result, run_program
 
 from neural_strands.capture.capture import Capture
-from neural_strands.capture.head import find_head
-from neural_strands.foundation.files import write_json
 from neural_strands.scalp.head import Head
 
 PLAIN = (0.6130, 0.0101, 0.3984)
 """The colour over which OpenSplat blends splats, encoded."""
-WHOLE = 30_000
-"""Number of iterations for which its defaults are made."""
 INTERVALS = {"resolution-schedule": 3000, "sh-degree-interval": 1000, "warmup-length": 500, "stop-screen-size-at": 4000}
 """Its defaults, in iterations."""
 REFINE_EVERY = 100
@@ -106,16 +103,8 @@ def main(arguments: Arguments) -> None:
         raise SystemExit("expected either --iterations or --minutes, found both or neither; give one.")
     if not os.access(program, os.X_OK):
         raise SystemExit(f"{program}: expected OpenSplat's program, found none; build it and name it.")
-    capture, out = Capture.load(arguments.capture), arguments.out
-    head = find_head(capture, None)
-    chosen = shown_views(capture, arguments)
-    asked = asked_of(arguments, capture, chosen, iterations=arguments.iterations, minutes=arguments.minutes)
-    trained = out / "trained.json"
-    if not trained.is_file():
-        write_json(trained, {"asked": asked, **reconstruct(arguments, program, capture, head, chosen)})
-    elif json.loads(trained.read_text())["asked"] != asked:
-        raise SystemExit(f"{out}: was made with other settings; delete it, or choose another folder.")
-    print(json.dumps(judged(arguments, capture, head)))
+    asked = {"iterations": arguments.iterations, "minutes": arguments.minutes}
+    print_result(arguments, partial(reconstruct, arguments, program), **asked)
 
 
 if __name__ == "__main__":

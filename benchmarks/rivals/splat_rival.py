@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +16,7 @@ from scene import SeedPoints, over_surround, seed_points
 from splats import SplatPicture, read_splats, render_splats
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import HOLD_OUT_EVERY, held_out_views, training_views
 from neural_strands.fitting.config import preset
 from neural_strands.fitting.stereo import check_source, find_segments, segments_source
@@ -26,6 +27,9 @@ from neural_strands.geometry.views import View
 from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
 from neural_strands.pictures.encoding import write_png
 from neural_strands.scalp.head import Head
+
+WHOLE = 30_000
+"""Number of iterations for which the rivals' defaults are made."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +121,30 @@ def asked_of(arguments: SplatArguments, capture: Capture, chosen: list[int], **m
     views = [capture.cameras[index].name for index in chosen]
     numbers = {name: getattr(arguments, name) for name in names}
     return {"capture": capture.folder.resolve().name, "views": views, **more, **numbers}
+
+
+def print_result(
+    arguments: SplatArguments,
+    reconstruct: Callable[[Capture, Head, list[int]], dict[str, Any]],
+    **asked: object,
+) -> None:
+    """Train unless that is done, draw, score, and print the result.
+
+    Args:
+        arguments: options of the rival.
+        reconstruct: trains it on the capture, its head and the views that it may see, and writes the splats; returns
+            its options, what it took, and `negative` if the photographs were.
+        asked: further settings, with which finished work must agree.
+    """
+    capture = Capture.load(arguments.capture)
+    head, chosen = find_head(capture, None), shown_views(capture, arguments)
+    question, trained = asked_of(arguments, capture, chosen, **asked), arguments.out / "trained.json"
+    if not trained.is_file():
+        write_json(trained, {"asked": question, **reconstruct(capture, head, chosen)})
+    kept = json.loads(trained.read_text())
+    if kept["asked"] != question:
+        raise SystemExit(f"{arguments.out}: was made with other settings; delete it, or choose another folder.")
+    sys.stdout.write(json.dumps(judged(arguments, capture, head, kept.get("negative", False))) + "\n")
 
 
 def judged(arguments: SplatArguments, capture: Capture, head: Head, negative: bool = False) -> dict[str, Any]:

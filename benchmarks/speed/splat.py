@@ -11,7 +11,7 @@ from statistics import median
 
 import torch
 import tyro
-from beside import beside, beside_table
+from beside import Beside, beside, beside_table
 from lines import groom, peak_megabytes, timed, view
 from plain import splat_pyramid_reference
 
@@ -68,21 +68,14 @@ def twins(arguments: Arguments, strands: int = 10_000, size: int = 512) -> str:
     work, twin, runs = scattered(arguments, strands, size), "scattered sums of torch", max(arguments.repeats // 4, 1)
     for ours, theirs in zip(work.gradients(splat_pyramid), work.gradients(splat_pyramid_reference), strict=True):
         torch.testing.assert_close(ours, theirs, atol=1e-3, rtol=1e-3)
+
+    def compared(name: str, run: Callable[[Callable], object]) -> Beside:
+        theirs = (twin, lambda: run(splat_pyramid_reference))
+        return beside(name, lambda: run(splat_pyramid), theirs, arguments.device, runs)
+
     with torch.no_grad():
-        forward = beside(
-            "forward",
-            lambda: work.planes(splat_pyramid),
-            (twin, lambda: work.planes(splat_pyramid_reference)),
-            arguments.device,
-            runs,
-        )
-    both = beside(
-        "forward and backward",
-        lambda: work.gradients(splat_pyramid),
-        (twin, lambda: work.gradients(splat_pyramid_reference)),
-        arguments.device,
-        runs,
-    )
+        forward = compared("forward", work.planes)
+    both = compared("forward and backward", work.gradients)
     heading = f"splat of {strands} strands, {size} x {size}, {len(work.pixels)} points"
     return f"{heading}\n{beside_table([forward, both], arguments.device)}"
 

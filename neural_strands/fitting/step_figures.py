@@ -11,7 +11,7 @@ class StepFigures:
     """Figures of the steps since the last reading."""
 
     def __init__(self, every: int) -> None:
-        """Have the figures read every so many steps; the host waits for the device only then."""
+        """Let figures be due after `every` steps; the host waits for the device only when they are read."""
         self._every = every
         self._kept: list[tuple[int, dict[str, Float[Tensor, ""]]]] = []
         self._began = 0.0
@@ -27,7 +27,7 @@ class StepFigures:
 
     @property
     def due(self) -> bool:
-        """Whether so many steps have been kept that they should be read."""
+        """Whether figures of enough steps have been kept to read them."""
         return len(self._kept) >= self._every
 
     def read(self) -> list[dict[str, float]]:

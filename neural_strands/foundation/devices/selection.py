@@ -1,4 +1,4 @@
-"""Selection by a mask, where the number of selected items matters to nobody but the processor."""
+"""Selection by a mask for which the host does not wait on a GPU."""
 
 from collections.abc import Iterable
 
@@ -9,8 +9,8 @@ from torch import Tensor
 def selected(mask: Bool[Tensor, " item"], values: Iterable[Tensor]) -> tuple[Tensor, ...]:
     """Values of the items that a mask marks; on a GPU, values of all items.
 
-    A GPU computes what nobody needs sooner than the host learns how many items there are. So whoever calls this must
-    leave out unmarked items by the mask, which is selected like any other value, and not by their number.
+    On a GPU, work on unneeded items takes less time than waiting for the number of needed ones. So a caller must leave
+    out unmarked items by the mask, which is selected like any other value, and must not rely on the number of items.
 
     Args:
         mask: which items are needed.
