@@ -65,6 +65,8 @@ class Case:
     """A groom of the shared data, or a style."""
     winding: Winding | None = None
     """Wave or curl to add; None for none."""
+    kept: int | None = None
+    """Number of strands of a captured groom that are kept, drawn at random; they are thicker then. None: all."""
     length: float | None = None
     """Length of procedural hair that is not cut level, metres; None leaves the style's length and cut."""
     head: HeadName = "makehuman"
@@ -102,6 +104,18 @@ CASES = (
     Case("wavy_style_ict", "tuning", "wavy", head="ict", colour="auburn", azimuth=110, views=20, light_turn=75, seed=5),
     Case("curly_style_mannequin", "tuning", "curly", head="mannequin", colour="auburn", light_turn=-30, seed=6),
     Case("over_shoulders", "tuning", "straight", length=0.5, colour="black", light_turn=15, samples=16, seed=7),
+    Case("thick_long", "tuning", "straight_long", kept=4867, resolution=448, samples=16, light_turn=-45, seed=8),
+    Case(
+        "thick_long_curls",
+        "tuning",
+        "straight_long",
+        Winding(0.005, 0.028),
+        kept=4867,
+        resolution=448,
+        samples=16,
+        light_turn=-45,
+        seed=8,
+    ),
     Case("long_waves", "test", "straight_long", Winding(0.008, 0.06, 0.5), colour="auburn", light_turn=120, seed=1),
     Case("wavy_style_front", "test", "wavy", head="makehuman", azimuth=100, views=20, light_turn=30, seed=2),
     Case("curly_style", "test", "curly", head="ict", colour="brown", light_turn=150, views=32, seed=3),
@@ -132,7 +146,10 @@ def grown(case: Case, data: Path, generator: torch.Generator) -> tuple[Head, Str
         capture = Capture.load(data / "captures" / case.groom)
         if capture.ground_truth is None:
             raise SystemExit(f"{capture.folder}: expected true strands, found none.")
-        return find_head(capture), capture.ground_truth
+        strands = capture.ground_truth
+        if case.kept is not None:
+            strands = strands.select(torch.randperm(len(strands), generator=generator)[: case.kept])
+        return find_head(capture), strands
     head = _head(case.head, data)
     if case.groom == "wavy_long":
         strands = read_groom(data / "grooms" / "wavy_long" / "harolongo.data").strands()
