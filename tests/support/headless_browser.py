@@ -92,6 +92,16 @@ class Tab:
                 raise AssertionError(f"what was expected did not happen within {PATIENCE} s; {self.report()}")
             self.page.wait_for_timeout(1000 * BETWEEN_LOOKS)
 
+    def wait_until_still(self, found: "playwright.Locator") -> None:
+        """Wait until a control stays where it is: on a busy machine, a folder that opens moves it during a click."""
+        boxes: list[object] = [None]
+
+        def still() -> bool:
+            boxes.append(found.bounding_box())
+            return boxes[-1] is not None and boxes[-1] == boxes[-2]
+
+        self.wait_for(still)
+
     def report(self) -> str:
         """What the page says now, its notices so far, and what its console called errors: explains a wait in vain."""
         text, notices = self.page.locator("body").inner_text(), self.page.evaluate("window.notices")

@@ -68,7 +68,9 @@ class Watched:
             self.page.get_by_text(folder, exact=True).click()
 
     def press(self, button):
-        self.page.get_by_role("button", name=button).click()
+        found = self.page.get_by_role("button", name=button)
+        self.tab.wait_until_still(found)
+        found.click()
 
     def says(self, text):
         """Wait until the page says something."""
