@@ -25,7 +25,7 @@ class ScheduleConfig:
     appearance_blur: Annotated[float, Between(0, 256)] = 3.0
     """Standard deviation, in texels, of the Gaussian that blurs the gradient of the appearance texture at the first
     image step, so that strands seen by few views learn from their neighbours."""
-    appearance_blur_until: Annotated[float, Between(0, 1)] = 1.0
+    appearance_blur_until: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which that gradient is no longer blurred, and each strand learns on its own."""
     perceptual_from: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which the perceptual loss is used; earlier it has little effect for its cost."""

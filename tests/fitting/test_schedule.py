@@ -1,6 +1,5 @@
 """Schedules at their ends and between."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -46,7 +45,7 @@ def test_the_blur_of_appearance_falls_from_where_images_begin():
 @pytest.mark.parametrize("fraction", [0.1, 0.2, 0.3, 0.475, 0.5, 0.9])
 def test_a_strand_learns_on_its_own_once_the_blur_of_appearance_has_ended(name, fraction):
     """The gradient of one texel: taps of the discrete Gaussian, 3 texels wide at a tenth of the steps and 1 at half."""
-    config = replace(preset(name).schedule, appearance_blur_until=0.5)
+    config = preset(name).schedule
     texture = torch.zeros(65, 65, 1, dtype=torch.float64, requires_grad=True)
     middle = torch.tensor([[0.5, 0.5]], dtype=torch.float64)
     blur = appearance_blur_width(round(fraction * 10_000), 10_000, config)
@@ -55,13 +54,6 @@ def test_a_strand_learns_on_its_own_once_the_blur_of_appearance_has_ended(name, 
     variance = 9 ** ((0.5 - fraction) / 0.4) if fraction < 0.5 else 0.0
     taps = scipy.special.ive(abs(np.arange(-32, 33)), variance)
     np.testing.assert_allclose(texture.grad[..., 0], np.outer(taps, taps), atol=1e-7)
-
-
-@pytest.mark.parametrize("name", ["demo", "fast", "paper"])
-def test_by_default_neighbours_share_what_they_learn_until_the_last_step(name):
-    config = preset(name).schedule
-    assert appearance_blur_width(1000, 10_000, config) == 3.0
-    assert 1.0 < appearance_blur_width(9999, 10_000, config) < 1.001
 
 
 def test_strands_are_released_from_root_to_tip():
