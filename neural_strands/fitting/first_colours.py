@@ -21,7 +21,7 @@ from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
 from neural_strands.raster.face_atlas import FaceAtlas
-from neural_strands.raster.texture import sample_texture
+from neural_strands.raster.texture import blur_texture, sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
 from neural_strands.raster.visible import visible_points
 
@@ -30,6 +30,13 @@ TINY = 1e-6
 FROM_CORNERS, FROM_ALL = 0.25, 0.001
 """Weights of the mean at the corners of a face in the colour of a texel, and of all the body's in that at a corner,
 pixels."""
+
+HAIR_ALONE, AROUND, EVERYWHERE = 16, 4.0, 0.01
+"""For the colour of hair: power of the hair's coverage by which pixels count, standard deviation of the surroundings
+over which they are averaged, pixels, and weight of the mean of all hair, for places without dense hair."""
+AS_SEEN = 0.1
+"""Weight, relative to a pixel's share of the body, with which the body takes a pixel's colour as it is: only noise is
+left of it under dense hair, once the light of the hair is removed."""
 
 
 def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
@@ -119,15 +126,32 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
             shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
         else:
             shares = (surround.body * (1 - hair), surround.background)
-        shares = (shares[0] * _squarely(model.body.mesh, seen, target.camera), shares[1])
-        for k, (image, colour, share) in enumerate(zip(shown, colours, shares, strict=True)):
-            for total, value in ((sums[k], light), (weights[k], torch.ones_like(light))):
-                total += weighted_gradient(image, value * share[..., None], colour, retain_graph=True)
+        # Least squares for the body's colour: light = hair * (light of hair) + (1 - hair) * body.
+        own = light - hair[..., None] * _light_of_hair(light, hair) + AS_SEEN * light
+        part = (1 - hair + AS_SEEN)[..., None].expand_as(light)
+        squarely = (shares[0] * _squarely(model.body.mesh, seen, target.camera))[..., None]
+        for k, value, weight, share in (
+            (0, own, part, squarely),
+            (1, light, torch.ones_like(light), shares[1][..., None]),
+        ):
+            for total, each in ((sums[k], value), (weights[k], weight)):
+                total += weighted_gradient(shown[k], each * share, colours[k], retain_graph=True)
     with torch.no_grad():
         if weights[0].sum() > TINY:
-            colours[0].copy_(body_texture(sums[0], weights[0][..., :1], model.body.atlas, model.body.faces))
+            texture = body_texture(sums[0], weights[0][..., :1], model.body.atlas, model.body.faces)
+            colours[0].copy_(texture.clamp(min=0.0))
         if weights[1].sum() > TINY:
             colours[1].copy_(fill_texture(sums[1], weights[1][..., :1]))
+
+
+def _light_of_hair(
+    light: Float[Tensor, "height width 3"], hair: Float[Tensor, "height width"]
+) -> Float[Tensor, "height width 3"]:
+    """Mean colour of the hair around each pixel."""
+    weight = hair.pow(HAIR_ALONE)[..., None]
+    blurred = blur_texture(torch.cat([light * weight, weight], dim=2), AROUND).clamp(min=0.0)
+    mean = (light * weight).sum(dim=(0, 1)) / weight.sum().clamp(min=TINY)
+    return (blurred[..., :3] + EVERYWHERE * mean) / (blurred[..., 3:] + EVERYWHERE)
 
 
 def body_texture(

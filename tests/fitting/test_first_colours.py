@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from neural_strands.fitting.first_colours import (
+    AS_SEEN,
     body_texture,
     fill_texture,
     initialise_colours,
@@ -111,6 +112,24 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
     stored = model.textures.sample_appearance(strands.root_uv)[:, 0, :3].detach() + model.shading.mean.detach()
     assert (stored - to_srgb(found))[seen].abs().mean() < 0.05
+
+
+@pytest.mark.parametrize("cover", [0.3, 0.5, 0.8])
+def test_thin_hair_before_the_body_hardly_colours_it(scene, cover):
+    """Between dense, dark locks, hair lets a part of the white body through."""
+    model, _, cameras = scene
+    dark, targets = torch.tensor([0.1, 0.06, 0.03]), []
+    for camera in cameras:
+        dense = torch.arange(camera.width) % 8 < 2
+        hair = torch.where(dense, 1.0, cover).expand(camera.height, -1)
+        light = hair[..., None] * dark + (1 - hair[..., None])
+        targets.append(View(camera, to_srgb(light), hair))
+    initialise_colours(model, Strands(torch.zeros(0, 6, 3)), targets)
+    seen = cover * dark + 1 - cover
+    own = model.body.colour.detach().flatten(0, 1)[model.body.atlas.texels().texel]
+    # With the hair's true colour, what remains of the hair is the weight with which a pixel counts as it is.
+    left = AS_SEEN / (1 - cover + AS_SEEN)
+    assert ((1 - own) / (1 - seen)).mean() == pytest.approx(left, abs=0.15)
 
 
 @pytest.mark.parametrize("matte", [0.97, None])
