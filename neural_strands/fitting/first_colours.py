@@ -7,7 +7,7 @@ each, which autograd computes, sums the pixels that see each texel.
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -20,6 +20,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
+from neural_strands.model.hidden_skin import extend_over_mesh
 from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import blur_texture, sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
@@ -27,10 +28,8 @@ from neural_strands.raster.visible import visible_points
 
 TINY = 1e-6
 """Weight below which a texel counts as unseen."""
-FROM_CORNERS, FROM_ALL = 0.25, 0.001
-"""Weights of the mean at the corners of a face in the colour of a texel, and of all the body's in that at a corner,
-pixels."""
-
+FROM_CORNERS = 0.25
+"""Weight of the colours at the corners of a face in that of a texel, pixels."""
 HAIR_ALONE, AROUND, EVERYWHERE = 16, 4.0, 0.01
 """For the colour of hair: power of the hair's coverage by which pixels count, standard deviation of the surroundings
 over which they are averaged, pixels, and weight of the mean of all hair, for places without dense hair."""
@@ -138,7 +137,7 @@ def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View
                 total += weighted_gradient(shown[k], each * share, colours[k], retain_graph=True)
     with torch.no_grad():
         if weights[0].sum() > TINY:
-            texture = body_texture(sums[0], weights[0][..., :1], model.body.atlas, model.body.faces)
+            texture = body_texture(sums[0], weights[0][..., :1], model.body.atlas, model.body.mesh)
             colours[0].copy_(texture.clamp(min=0.0))
         if weights[1].sum() > TINY:
             colours[1].copy_(fill_texture(sums[1], weights[1][..., :1]))
@@ -158,26 +157,27 @@ def body_texture(
     total: Float[Tensor, "height width 3"],
     weight: Float[Tensor, "height width 1"],
     atlas: FaceAtlas,
-    faces: Int64[Tensor, "face 3"],
+    body: Mesh,
 ) -> Float[Tensor, "height width 3"]:
-    """Weighted means of texels; those that few pixels show also take the mean at the corners of their face.
+    """Weighted means of texels; those that few pixels show also take the colour at the corners of their face.
+
+    Colours at vertices are means as well; where few pixels show them, they continue those around them.
 
     Args:
         total: sums of colours, weighted.
         weight: sums of weights, in pixels; more than zero for at least one texel.
         atlas: where the faces lie in the texture.
-        faces: the body's faces.
+        body: the mesh whose texture it is.
     """
     texels = atlas.texels()
     texel, face, share = (part.to(total.device) for part in (texels.texel, texels.face, texels.barycentric))
     values = torch.cat([total, weight], dim=2).flatten(0, 1)
-    corners = faces[face]
-    at_vertices = values.new_zeros(int(faces.max()) + 1, 4)
+    corners = body.faces.to(total.device)[face]
+    at_vertices = values.new_zeros(len(body.vertices), 4)
     for corner in range(3):
         at_vertices.index_add_(0, corners[:, corner], share[:, corner, None] * values[texel])
-    mean = at_vertices.sum(dim=0)
-    colour = at_vertices[:, :3] + FROM_ALL * mean[:3] / mean[3]
-    colour = colour / (at_vertices[:, 3:] + FROM_ALL)
+    seen = at_vertices[:, 3]
+    colour = extend_over_mesh(at_vertices[:, :3] / seen.clamp(min=TINY)[:, None], seen.clamp(max=1.0), body)
     around = (colour[corners] * share[..., None]).sum(dim=1)
     values[texel, :3] += FROM_CORNERS * around
     values[texel, 3:] += FROM_CORNERS

@@ -80,22 +80,42 @@ def test_filling_keeps_what_is_known_and_constants_everywhere(generator):
 
 
 def test_texels_that_no_pixel_shows_take_the_colour_at_the_corners_of_their_face():
-    atlas, faces = FaceAtlas(2, 9), torch.tensor([[0, 1, 2], [2, 1, 3]])
+    square = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    atlas, body = FaceAtlas(2, 9), Mesh(square, torch.tensor([[0, 1, 2], [2, 1, 3]]))
     texels = atlas.texels()
     weight = torch.zeros(atlas.size**2, 1)
     weight[texels.texel[texels.face == 0]] = 50.0
     colour = torch.tensor([0.2, 0.4, 0.6])
     shape = (atlas.size, atlas.size, -1)
-    found = body_texture((weight * colour).view(shape), weight.view(shape), atlas, faces).view(-1, 3)[texels.texel]
+    found = body_texture((weight * colour).view(shape), weight.view(shape), atlas, body).view(-1, 3)[texels.texel]
     torch.testing.assert_close(found, colour.expand_as(found))
     # One red texel among many does not colour its face.
     total = weight * colour
     speck = texels.texel[texels.face == 1][5]
     weight[speck], total[speck] = 0.05, torch.tensor([0.05, 0.0, 0.0])
-    found = body_texture(total.view(shape), weight.view(shape), atlas, faces).view(-1, 3)
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body).view(-1, 3)
     others = texels.texel[texels.texel != speck]
     assert (found[others] - colour).abs().max() < 0.01
     assert (found[speck] - colour).abs().max() < 0.2
+
+
+def test_where_nothing_is_seen_the_body_continues_what_lies_around():
+    """Not the mean of the whole body: a strip that begins red stays red beside a large blue patch."""
+    strip = torch.tensor([[float(k // 2), float(k % 2), 0.0] for k in range(8)])
+    faces = torch.tensor([[k, k + 1, k + 2] for k in range(6)])
+    patch = torch.tensor([[20.0, 0.0, 0.0], [30.0, 0.0, 0.0], [20.0, 9.0, 0.0]])
+    body = Mesh(torch.cat([strip, patch]), torch.cat([faces, torch.tensor([[8, 9, 10]])]))
+    atlas = FaceAtlas(7, 9)
+    texels = atlas.texels()
+    red, blue = torch.tensor([0.5, 0.1, 0.1]), torch.tensor([0.0, 0.0, 0.9])
+    weight, total = torch.zeros(atlas.size**2, 1), torch.zeros(atlas.size**2, 3)
+    for face, colour in ((0, red), (6, blue)):
+        there = texels.texel[texels.face == face]
+        weight[there], total[there] = 50.0, 50.0 * colour
+    shape = (atlas.size, atlas.size, -1)
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body).view(-1, 3)
+    unseen = found[texels.texel[(texels.face > 0) & (texels.face < 6)]]
+    torch.testing.assert_close(unseen, red.expand_as(unseen), atol=1e-3, rtol=0)
 
 
 def test_first_colours_are_those_of_the_pixels(scene, generator):
