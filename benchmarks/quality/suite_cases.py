@@ -66,7 +66,7 @@ class Case:
     winding: Winding | None = None
     """Wave or curl to add; None for none."""
     kept: int | None = None
-    """Number of strands of a captured groom that are kept, drawn at random; they are thicker then. None: all."""
+    """Number of strands kept of a captured groom, drawn at random; the fewer, the thicker they are. None: all."""
     length: float | None = None
     """Length of procedural hair that is not cut level, metres; None leaves the style's length and cut."""
     head: HeadName = "makehuman"
@@ -91,6 +91,8 @@ class Case:
     """Seed of all random numbers."""
 
 
+THICK = Case("thick_long", "tuning", "straight_long", kept=4867, resolution=448, samples=16, light_turn=-45, seed=8)
+"""Long hair of few strands."""
 CASES = (
     Case("wavy_long", "tuning", "wavy_long"),
     Case("bob_waves", "tuning", "sintel_bob", Winding(0.005, 0.045, 0.4), colour="auburn"),
@@ -104,18 +106,8 @@ CASES = (
     Case("wavy_style_ict", "tuning", "wavy", head="ict", colour="auburn", azimuth=110, views=20, light_turn=75, seed=5),
     Case("curly_style_mannequin", "tuning", "curly", head="mannequin", colour="auburn", light_turn=-30, seed=6),
     Case("over_shoulders", "tuning", "straight", length=0.5, colour="black", light_turn=15, samples=16, seed=7),
-    Case("thick_long", "tuning", "straight_long", kept=4867, resolution=448, samples=16, light_turn=-45, seed=8),
-    Case(
-        "thick_long_curls",
-        "tuning",
-        "straight_long",
-        Winding(0.005, 0.028),
-        kept=4867,
-        resolution=448,
-        samples=16,
-        light_turn=-45,
-        seed=8,
-    ),
+    THICK,
+    replace(THICK, name="thick_long_curls", winding=Winding(0.005, 0.028)),
     Case("long_waves", "test", "straight_long", Winding(0.008, 0.06, 0.5), colour="auburn", light_turn=120, seed=1),
     Case("wavy_style_front", "test", "wavy", head="makehuman", azimuth=100, views=20, light_turn=30, seed=2),
     Case("curly_style", "test", "curly", head="ict", colour="brown", light_turn=150, views=32, seed=3),

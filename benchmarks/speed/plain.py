@@ -4,32 +4,12 @@ import contextlib
 from collections.abc import Iterator
 from unittest import mock
 
-from jaxtyping import Float
-from torch import Tensor
-
 from neural_strands.model import hair_model
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster import resample
 from neural_strands.raster.nodes import VisibleNodes
-from neural_strands.raster.reference import rasterise_lines_reference, splat_reference
-from neural_strands.raster.splat import MINIMUM_WEIGHT, SplatMap
-
-
-def splat_pyramid_reference(
-    pixels: Float[Tensor, "point 2"],
-    features: Float[Tensor, "point channel"],
-    size: tuple[int, int],
-    levels: int,
-    minimum_weight: float = MINIMUM_WEIGHT,
-    amounts: Float[Tensor, " point"] | None = None,
-) -> list[SplatMap]:
-    """`raster.splat.splat_pyramid` by scattered sums of torch, one level and one corner after the other."""
-    maps = []
-    for level in range(levels):
-        height, width = (-(-side // 2**level) for side in size)
-        mean, weight = splat_reference(pixels, features, (height, width), 0.5**level, minimum_weight, amounts)
-        maps.append(SplatMap(mean.view(height, width, -1).permute(2, 0, 1), weight.view(height, width)))
-    return maps
+from neural_strands.raster.reference import rasterise_lines_reference
+from neural_strands.raster.splat import splat_pyramid_reference
 
 
 @contextlib.contextmanager

@@ -13,10 +13,9 @@ import torch
 import tyro
 from beside import Beside, beside, beside_table
 from lines import groom, peak_megabytes, timed, view
-from plain import splat_pyramid_reference
 
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.raster.splat import SplatMap, splat_pyramid
+from neural_strands.raster.splat import SplatMap, splat_pyramid, splat_pyramid_reference
 from neural_strands.raster.visible import visible_points
 
 

@@ -34,8 +34,8 @@ HAIR_ALONE, AROUND, EVERYWHERE = 16, 4.0, 0.01
 """For the colour of hair: power of the hair's coverage by which pixels count, standard deviation of the surroundings
 over which they are averaged, pixels, and weight of the mean of all hair, for places without dense hair."""
 AS_SEEN = 0.1
-"""Weight, relative to a pixel's share of the body, with which the body takes a pixel's colour as it is: only noise is
-left of it under dense hair, once the light of the hair is removed."""
+"""Weight with which the body also takes a pixel's colour as it is, relative to the body's share of the pixel. Under
+dense hair, only noise is left once the light of the hair is removed."""
 
 
 def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:

@@ -73,13 +73,36 @@ def splat_pyramid(
     Level l has ceil(height / 2^l) by ceil(width / 2^l) pixels, each 2^l pixels of the image wide.
     Tensors that are not float32 take the plain torch path.
     """
-    amounts = pixels.new_ones(len(pixels)) if amounts is None else amounts.to(pixels.dtype)
-    sizes = [(-(-size[0] // 2**level), -(-size[1] // 2**level)) for level in range(levels)]
     if features.dtype != torch.float32 or pixels.dtype != torch.float32:
-        planes = [splat_reference(pixels, features, sizes[k], 0.5**k, minimum_weight, amounts) for k in range(levels)]
-    else:
-        flat = _Splat.apply(pixels, features, sizes, minimum_weight, amounts)
-        planes = list(zip(flat[0::2], flat[1::2], strict=True))
+        return splat_pyramid_reference(pixels, features, size, levels, minimum_weight, amounts)
+    amounts = pixels.new_ones(len(pixels)) if amounts is None else amounts.to(pixels.dtype)
+    sizes = _level_sizes(size, levels)
+    flat = _Splat.apply(pixels, features, sizes, minimum_weight, amounts)
+    return _maps(list(zip(flat[0::2], flat[1::2], strict=True)), sizes)
+
+
+def splat_pyramid_reference(
+    pixels: Float[Tensor, "point 2"],
+    features: Float[Tensor, "point channel"],
+    size: tuple[int, int],
+    levels: int,
+    minimum_weight: float = MINIMUM_WEIGHT,
+    amounts: Float[Tensor, " point"] | None = None,
+) -> list[SplatMap]:
+    """`splat_pyramid` by scattered sums of torch, one level after the other."""
+    amounts = pixels.new_ones(len(pixels)) if amounts is None else amounts.to(pixels.dtype)
+    sizes = _level_sizes(size, levels)
+    planes = [splat_reference(pixels, features, sizes[k], 0.5**k, minimum_weight, amounts) for k in range(levels)]
+    return _maps(planes, sizes)
+
+
+def _level_sizes(size: tuple[int, int], levels: int) -> list[tuple[int, int]]:
+    """Height and width of each level."""
+    return [(-(-size[0] // 2**level), -(-size[1] // 2**level)) for level in range(levels)]
+
+
+def _maps(planes: list[tuple[Tensor, Tensor]], sizes: list[tuple[int, int]]) -> list[SplatMap]:
+    """Flattened means and weights of the levels as maps."""
     return [
         SplatMap(mean.view(height, width, -1).permute(2, 0, 1), weight.view(height, width))
         for (mean, weight), (height, width) in zip(planes, sizes, strict=True)

@@ -1,36 +1,22 @@
 """Colours that videos state: boxes that are put into real files by hand."""
 
-import struct
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from coloured_video import with_colours, write_grey_video
 
 from neural_strands.preparation.photographs.hdr import hdr_transfer
 from neural_strands.preparation.photographs.video import import_video
 
 
 def write_plain(path: Path) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25, (128, 96))
-    for level in (40, 90, 140):
-        writer.write(np.full((96, 128, 3), level, np.uint8))
-    writer.release()
+    write_grey_video(path, (40, 90, 140), (128, 96))
 
 
 def write_with_colours(path: Path, kind: bytes, transfer: int) -> None:
-    """A video whose description ends with a box of colours; all boxes around it grow by as much."""
     write_plain(path)
-    content = bytearray(path.read_bytes())
-    colours = kind + struct.pack(">HHH", 9, transfer, 9) + (b"\0" if kind == b"nclx" else b"")
-    box = struct.pack(">I", 8 + len(colours)) + b"colr" + colours
-    entry = content.index(b"mp4v", content.index(b"stsd")) - 4
-    end = entry + struct.unpack_from(">I", content, entry)[0]
-    around = [content.index(name) - 4 for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")]
-    for at in (*around, entry):
-        struct.pack_into(">I", content, at, struct.unpack_from(">I", content, at)[0] + len(box))
-    content[end:end] = box
-    path.write_bytes(content)
+    path.write_bytes(with_colours(path.read_bytes(), kind, transfer))
 
 
 @pytest.mark.parametrize("kind", [b"nclx", b"nclc"])

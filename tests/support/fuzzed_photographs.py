@@ -1,11 +1,10 @@
 """Photographs and videos as cameras write them, and how `prepare` reads one of them."""
 
-import struct
 import tempfile
 from pathlib import Path
 
-import cv2
 import numpy as np
+from coloured_video import with_colours, write_grey_video
 from PIL import Image
 
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, read_picture
@@ -13,6 +12,8 @@ from neural_strands.preparation.photographs.metadata import EXIF, FOCAL_35MM, MA
 from neural_strands.preparation.photographs.video import import_video
 
 LONGEST_SIDE = 2048
+HLG = 18
+"""Number of that transfer (ITU-T H.273)."""
 
 
 def write_photographs(folder: Path) -> None:
@@ -28,30 +29,9 @@ def write_photographs(folder: Path) -> None:
     image.save(folder / "a.jpg", exif=exif)
     image.save(folder / "a.tif", exif=exif)
     from_pillow(image).save(folder / "a.heic", exif=exif.tobytes(), quality=80)
-    write_video(folder / "a.mp4")
+    write_grey_video(folder / "a.mp4", (40, 90, 140, 190), (64, 48))
     # FFmpeg takes seconds to begin with HLG, so another file is damaged where frames are decoded.
-    (folder / "hlg.mp4").write_bytes(_with_colours((folder / "a.mp4").read_bytes()))
-
-
-def write_video(path: Path) -> None:
-    """Four frames of MPEG-4."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25, (64, 48))
-    for level in (40, 90, 140, 190):
-        writer.write(np.full((48, 64, 3), level, np.uint8))
-    writer.release()
-
-
-def _with_colours(plain: bytes) -> bytes:
-    """A video whose description ends with a box of colours (HLG); all boxes around it grow."""
-    content = bytearray(plain)
-    box = struct.pack(">I", 19) + b"colrnclx" + struct.pack(">HHHB", 9, 18, 9, 0)
-    entry = content.index(b"mp4v", content.index(b"stsd")) - 4
-    end = entry + struct.unpack_from(">I", content, entry)[0]
-    around = [content.index(name) - 4 for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")]
-    for at in (*around, entry):
-        struct.pack_into(">I", content, at, struct.unpack_from(">I", content, at)[0] + len(box))
-    content[end:end] = box
-    return bytes(content)
+    (folder / "hlg.mp4").write_bytes(with_colours((folder / "a.mp4").read_bytes(), b"nclx", HLG))
 
 
 def import_one(path: Path) -> object:

@@ -94,11 +94,12 @@ class Tab:
 
     def wait_until_still(self, found: "playwright.Locator") -> None:
         """Wait until a control stays where it is: on a busy machine, a folder that opens moves it during a click."""
-        boxes: list[object] = [None]
+        last: object = None
 
         def still() -> bool:
-            boxes.append(found.bounding_box())
-            return boxes[-1] is not None and boxes[-1] == boxes[-2]
+            nonlocal last
+            before, last = last, found.bounding_box()
+            return last is not None and last == before
 
         self.wait_for(still)
 
