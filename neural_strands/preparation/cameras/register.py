@@ -50,6 +50,8 @@ PIXEL_MEMORY, FEATURE_MEMORY = 320, 3e9
 """Bytes that COLMAP's detector takes for each pixel of a photograph, and that all of its threads together may take."""
 LARGEST_DETECTED = 3200
 """Longer side to which COLMAP itself reduces photographs when it detects features, pixels."""
+MATCH_ALL, PARTNERS = 50, 24
+"""With more photographs, not all pairs are matched, but each photograph with about this many others."""
 ONE_THREAD = 1
 """Threads that place the cameras; several would add up in an order that differs from run to run."""
 DATABASE = "database.db"
@@ -58,6 +60,8 @@ WORKER = Path(__file__).with_name("match_worker.py")
 
 def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path, person: Path | None = None) -> None:
     """Detect features in all photographs and match them in pairs; writes COLMAP's database into `out`.
+
+    All pairs are matched of up to `MATCH_ALL` photographs; of more, those that look as if they overlap.
 
     Args:
         images: folder of the photographs.
@@ -75,6 +79,7 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
         "database": str((out / DATABASE).resolve()),
         "images": str(images.resolve()),
         "masks": None if person is None else str(person.resolve()),
+        "partners": PARTNERS if len(photographs) > MATCH_ALL else None,
         "groups": [_lens_request(group) for group in groups],
     }
     with started_worker(None, WORKER, request, "pycolmap", isolated=False) as worker:
