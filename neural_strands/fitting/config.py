@@ -70,7 +70,7 @@ class FitRates:
     network: Annotated[float, Between(0, 10)] = 2e-3
     """Weights of the UNet and the point shader."""
     surround: Annotated[float, Between(0, 10)] = 1e-4
-    """Colours of body and background. They start in closed form, and at a higher rate they gather noise."""
+    """Colours of the body. They start in closed form, and at a higher rate they gather noise."""
 
 
 @dataclass(frozen=True)

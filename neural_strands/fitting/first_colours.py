@@ -1,4 +1,6 @@
-"""Initial colours in closed form: body and background from the pixels that show them, hair from its strands' means.
+"""Colours in closed form: body and background from the pixels that show them, hair from its strands' means.
+
+Those of the background stay as they are; those of body and hair are where a fit starts.
 
 Drawing body and background is linear in their colours, and so is sampling the appearance texture. The transpose of
 each, which autograd computes, sums the pixels that see each texel.
@@ -11,15 +13,17 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
-from neural_strands.fitting.photographs.surround_weights import surround_weights
+from neural_strands.fitting.photographs.background_distance import background_nearness, background_shot
+from neural_strands.fitting.photographs.surround_weights import BESIDE, surround_weights
 from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
+from neural_strands.model.background import sample_around, wrapped
 from neural_strands.model.compositing import drawn_share
-from neural_strands.model.hair_model import BACKGROUND_THROUGH, HairModel
+from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hidden_skin import extend_over_mesh
 from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import blur_texture, sample_texture
@@ -46,7 +50,8 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
         strands: world metres, with `root_uv`.
         targets: photographs; those with a mask separate hair from the rest.
     """
-    _surround(model, strands, targets)
+    _body(model, strands, targets)
+    _background(model, strands, targets)
     colour, weight = photographed_colours(model, strands, targets)
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
@@ -106,41 +111,68 @@ def fill_texture(
     return torch.where(weight > TINY, mean, around)
 
 
-def _surround(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Set each texel to the mean of the pixels that show it; see `body_texture` and `fill_texture` for the others.
+def _body(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
+    """Set each texel of the body to the mean of the pixels that show it; see `body_texture` for the others.
 
-    A person mask determines which pixels show body and background. Without one, the body is also sampled between hair,
-    in its shadow, and the background only where there is almost no hair. Pixels count for the body by how squarely the
-    camera sees its surface: from the side, an error of the mesh moves the picture most.
+    A person mask determines which pixels show the body. Without one, it is also sampled between hair, in its shadow.
+    Pixels count by how squarely the camera sees the surface: from the side, an error of the mesh moves the picture
+    most.
     """
-    colours = (model.body.colour, model.background.colour)
-    sums, weights = ([torch.zeros_like(colour) for colour in colours] for _ in range(2))
+    colours = model.body.colour
+    sums, weights = torch.zeros_like(colours), torch.zeros_like(colours)
     for target in targets:
         hair, light = _hair(model, strands, target), to_linear(target.image)
         seen = rasterise_triangles(model.body.vertices, model.body.faces, target.camera)
-        body = model.body(target.camera, seen)
-        shown = (body.colour, model.background(target.camera))
+        shown = model.body(target.camera, seen).colour
         surround = surround_weights(target, hair)
-        if surround is None:
-            shares = (1 - hair, (hair < BACKGROUND_THROUGH) * (1 - hair) * (1 - body.coverage))
-        else:
-            shares = (surround.body * (1 - hair), surround.background)
+        share = (1 - hair) if surround is None else surround.body * (1 - hair)
         # Least squares for the body's colour: light = hair * (light of hair) + (1 - hair) * body.
         own = light - hair[..., None] * _light_of_hair(light, hair) + AS_SEEN * light
         part = (1 - hair + AS_SEEN)[..., None].expand_as(light)
-        squarely = (shares[0] * _squarely(model.body.mesh, seen, target.camera))[..., None]
-        for k, value, weight, share in (
-            (0, own, part, squarely),
-            (1, light, torch.ones_like(light), shares[1][..., None]),
-        ):
-            for total, each in ((sums[k], value), (weights[k], weight)):
-                total += weighted_gradient(shown[k], each * share, colours[k], retain_graph=True)
+        squarely = (share * _squarely(model.body.mesh, seen, target.camera))[..., None]
+        sums += weighted_gradient(shown, own * squarely, colours, retain_graph=True)
+        weights += weighted_gradient(shown, part * squarely, colours)
     with torch.no_grad():
-        if weights[0].sum() > TINY:
-            texture = body_texture(sums[0], weights[0][..., :1], model.body.atlas, model.body.mesh)
-            colours[0].copy_(texture.clamp(min=0.0))
-        if weights[1].sum() > TINY:
-            colours[1].copy_(fill_texture(sums[1], weights[1][..., :1]))
+        if weights.sum() > TINY:
+            texture = body_texture(sums, weights[..., :1], model.body.atlas, model.body.mesh)
+            colours.copy_(texture.clamp(min=0.0))
+
+
+def _background(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
+    """Set the distances of the background, and its texels to means of the pixels that show them.
+
+    Those that no pixel shows continue their surroundings.
+    """
+    background, directions = model.background, model.config.surround.background_directions
+    shots = [background_shot(target, _background_share(model, strands, target), directions) for target in targets]
+    otherwise = 1 / model.config.surround.background_distance
+    nearness = background_nearness(shots, background.centre, directions, otherwise)
+    background.nearness.copy_(wrapped(nearness[None]))
+    rows, columns = background.colour.shape[1:]
+    total = background.colour.new_zeros(4, rows, columns)
+    for target in targets:
+        share = _background_share(model, strands, target)[None]
+        picture = torch.zeros_like(total).requires_grad_()
+        shown = sample_around(picture, background.directions(target.camera))
+        light = to_linear(target.image).permute(2, 0, 1)
+        total += weighted_gradient(shown, torch.cat([light * share, share]), picture)
+    # What lies in a repeated column belongs to the column that it repeats.
+    total[..., 1] += total[..., -1]
+    total[..., -2] += total[..., 0]
+    sums, weight = total[..., 1:-1].permute(1, 2, 0).split([3, 1], dim=2)
+    if weight.sum() > TINY:
+        background.colour.copy_(wrapped(fill_texture(sums, weight).permute(2, 0, 1)))
+
+
+@torch.no_grad()
+def _background_share(model: HairModel, strands: Strands, target: View) -> Float[Tensor, "height width"]:
+    """Weight of each pixel in the background; without a mask of the person, what has almost no hair and no body."""
+    hair = _hair(model, strands, target)
+    surround = surround_weights(target, hair)
+    if surround is not None:
+        return surround.background
+    bare = model.body(target.camera).coverage == 0
+    return torch.where(bare & (hair < BESIDE), 1 - hair, 0.0)
 
 
 def _light_of_hair(

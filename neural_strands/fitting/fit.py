@@ -87,11 +87,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
         {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
         {"params": [model.textures.appearance], "lr": rates.appearance, "rate": rates.appearance},
         {"params": networks(model), "lr": rates.network, "rate": rates.network},
-        {
-            "params": [model.body.colour, model.background.colour],
-            "lr": rates.surround,
-            "rate": rates.surround,
-        },
+        {"params": [model.body.colour], "lr": rates.surround, "rate": rates.surround},
     ]
     on_cpu = model.root_uv.device.type == "cpu"
     # Texels seen by only a few pixels have gradients far below Adam's usual epsilon. One pass over the memory is many
@@ -265,8 +261,9 @@ def _image_part(
             points = _with_gradient(state, target, config)
         strands = Strands(points, root_uv=model.root_uv)
         blur = appearance_blur_width(state.step, config.steps, config.schedule)
-        weighted = surround_weights(target)
-        output = model.render(strands, target.camera, blur, state.volume(), weighted, photographed=True)
+        surround = surround_weights(target)
+        body_weight = None if surround is None else surround.body
+        output = model.render(strands, target.camera, blur, state.volume(), body_weight, photographed=True)
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of
         image, photograph = inner(output.rgb), inner(target.image)

@@ -1,10 +1,8 @@
-"""What lies behind the hair: a body mesh and a surrounding sphere, both with learned colours (paper, 4.3).
+"""Hair over what lies behind it: a body mesh with learned colours, and a background (paper, 4.3).
 
-The body's colours are a texture in which every face has texels of its own. The sphere's are an equirectangular texture:
-u follows the azimuth, v the elevation, y up. All colours are linear.
+The body's colours are a texture in which every face has texels of its own. All colours are linear.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -45,10 +43,12 @@ class SurroundConfig:
     """Texels per side of the body's texture, at most; more if the mesh has too many faces."""
     body_texel: Annotated[float, Between(1e-5, 1)] = 0.0015
     """Finest texel of the body, metres: about a pixel of the photographs, which leave gaps between smaller ones."""
-    background_texture: Annotated[int, Between(1, 4096)] = 64
-    """Texels from pole to pole of the background sphere; twice as many around it."""
-    background_radius: Annotated[float, Between(1e-3, 1e6)] = 10.0
-    """Radius of the background sphere, metres."""
+    background_texture: Annotated[int, Between(1, 4096)] = 768
+    """Texels of the background from pole to pole; twice as many around it."""
+    background_directions: Annotated[int, Between(1, 1024)] = 180
+    """Directions from pole to pole in which the background has a distance; twice as many around it."""
+    background_distance: Annotated[float, Between(1e-3, 1e6)] = 10.0
+    """Distance of the background where no two photographs show it, metres."""
 
 
 @dataclass(frozen=True)
@@ -64,19 +64,6 @@ class BodyImage:
     colour: Float[Tensor, "height width 3"]
     coverage: Float[Tensor, "height width"]
     depth: Float[Tensor, "height width"]
-
-
-@dataclass(frozen=True)
-class SurroundWeights:
-    """Weight of each pixel of a photograph in learning what lies behind the hair, in [0, 1].
-
-    Attributes:
-        body: weight for the colours of the body.
-        background: weight for the colours of the background.
-    """
-
-    body: Float[Tensor, "height width"]
-    background: Float[Tensor, "height width"]
 
 
 @dataclass(frozen=True)
@@ -161,69 +148,6 @@ def _edge_steps(mesh: Mesh, step: float) -> int:
     corners = mesh.corners()
     lengths = (corners[:, 1] - corners[:, 0]).norm(dim=-1)
     return round(float(lengths.median()) / step) if len(lengths) else 1
-
-
-class Background(nn.Module):
-    """A sphere around the subject with learned colours, seen from inside."""
-
-    centre: Tensor
-
-    def __init__(self, centre: Float[Tensor, "3"], config: SurroundConfig) -> None:
-        super().__init__()
-        self.radius = config.background_radius
-        self.register_buffer("centre", centre.float().clone())
-        self._centre_on_cpu: tuple[tuple[int, int], Tensor] | None = None
-        self.colour = nn.Parameter(torch.full((config.background_texture, 2 * config.background_texture, 3), START))
-
-    @property
-    def centre_on_cpu(self) -> Float[Tensor, "3"]:
-        """A copy of the centre on the CPU, made anew (a device synchronisation) only after the centre has changed."""
-        if self.centre.is_inference():
-            # Inference tensors have no version counter, so a change could not be noticed.
-            return self.centre.cpu()
-        state = (id(self.centre), self.centre._version)
-        if self._centre_on_cpu is None or self._centre_on_cpu[0] != state:
-            self._centre_on_cpu = (state, self.centre.cpu())
-        return self._centre_on_cpu[1]
-
-    def forward(self, camera: Camera) -> Float[Tensor, "height width 3"]:
-        """Linear colour of the background behind every pixel."""
-        on_sphere = sphere_directions(camera.position - self.centre, camera.ray_planes(), self.radius)
-        u, v = equirectangular(on_sphere)
-        # One extra column at each end, so that interpolation wraps around.
-        wrapped = torch.cat([self.colour[:, -1:], self.colour, self.colour[:, :1]], dim=1)
-        columns = self.colour.shape[1]
-        uv = torch.stack([(u * columns + 1) / (columns + 2), v], dim=-1)
-        return sample_picture(wrapped, uv.view(-1, 2)).view(camera.height, camera.width, 3)
-
-
-def sphere_directions(
-    origin: Float[Tensor, "3"], rays: Float[Tensor, "3 height width"], radius: float
-) -> Float[Tensor, "3 height width"]:
-    """Unit directions from the sphere's centre to the points where unit rays leave it.
-
-    Args:
-        origin: start of the rays relative to the sphere's centre, metres.
-        rays: unit directions of the rays, axes first.
-        radius: of the sphere, metres; a ray that misses the sphere keeps its own direction.
-    """
-    along = (origin[:, None, None] * rays).sum(dim=0)
-    discriminant = along.square() - origin @ origin + radius**2
-    distance = discriminant.clamp(min=0).sqrt() - along
-    inside = (discriminant > 0) & (distance > 0)
-    reached = (origin[:, None, None] + distance * rays) / radius
-    return torch.where(inside, reached, rays)
-
-
-def equirectangular(
-    directions: Float[Tensor, "3 height width"],
-) -> tuple[Float[Tensor, "height width"], Float[Tensor, "height width"]]:
-    """Texture coordinates u and v in [0, 1] of unit directions.
-
-    u is the azimuth: 0.5 at +z, growing towards +x. v is the elevation: 0 straight down, 1 straight up.
-    """
-    x, y, z = directions
-    return torch.atan2(x, z) / (2 * math.pi) + 0.5, torch.asin(y.clamp(-1, 1)) / math.pi + 0.5
 
 
 def surrounding_odds(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:

@@ -21,11 +21,10 @@ from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
+from neural_strands.model.background import Background
 from neural_strands.model.compositing import (
-    Background,
     Body,
     SurroundConfig,
-    SurroundWeights,
     between_lines,
     compose,
     filled_from_coarser,
@@ -50,12 +49,6 @@ from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.raster.visible import VisiblePoints, interpolate_knots, visible_points
 from neural_strands.scalp.roots import Roots
 
-BACKGROUND_THROUGH = 0.1
-"""Opacity of hair up to which the background still learns from images that have no person mask.
-
-Behind denser hair, the background would learn the colour of the hair and show it beside the hair in other views, where
-other background lies behind. Scalp and face always learn: they move with the hair in front of them and keep its
-shadow."""
 LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
 """Initial opacity of a pixel without any strand, and of a fully covered one that has little hair around it.
 
@@ -187,7 +180,7 @@ class HairModel(nn.Module):
         camera: Camera,
         blur: float = 0.0,
         volume: HairVolume | None = None,
-        gradient_weights: SurroundWeights | None = None,
+        body_weight: Float[Tensor, "height width"] | None = None,
         light: LightChange | None = None,
         photographed: bool = False,
         room: int | None = None,
@@ -200,8 +193,7 @@ class HairModel(nn.Module):
             blur: standard deviation, in texels, of the blur applied to the gradient of Z_a.
             volume: `hair_volume` of the strands, if the caller has it already; saves time when they are rendered
                 repeatedly.
-            gradient_weights: weights of the gradients that body and background receive; by default the body receives
-                all of them, and the background those of pixels with almost no hair.
+            body_weight: weight of the gradient that the body receives from each pixel; by default 1.
             light: how the light differs from that in which the appearance was fitted.
             photographed: whether a photograph was taken from there, so that directions need not be rotated
                 (see `seen_directions`).
@@ -216,14 +208,9 @@ class HairModel(nn.Module):
         between = openings(seen.depth, lines.segment, factor)
         body = self.body.colours(seen, factor, None if light is None else light.skin)
         share, skin = between_lines(body, between)
-        background = self.background(camera)
-        if gradient_weights is None:
-            # The background must not learn the hair's colour: see BACKGROUND_THROUGH.
-            background = torch.where(alpha[..., None] > BACKGROUND_THROUGH, background.detach(), background)
-        else:
-            skin = weighted_gradient(skin, gradient_weights.body)
-            background = weighted_gradient(background, gradient_weights.background)
-        behind = skin + (1 - share) * background
+        if body_weight is not None:
+            skin = weighted_gradient(skin, body_weight)
+        behind = skin + (1 - share) * self.background(camera)
         rgb = to_srgb(compose(hair.rgb, alpha, behind))
         return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, lines, seen.depth, hair.visible.found)
 

@@ -33,7 +33,7 @@ def saved(tmp_path):
     config = HairModelConfig(
         ScalpTextureConfig(shape_size=4, appearance_size=4, appearance_channels=2),
         UNetConfig(widths=(4, 4)),
-        SurroundConfig(background_texture=4),
+        SurroundConfig(background_texture=4, background_directions=6),
         points=8,
     )
     nobody = Mesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64))

@@ -28,6 +28,7 @@ from neural_strands.raster.texture import sample_texture
 from neural_strands.scalp.roots import Roots
 
 STRANDS = 80
+BLUE = torch.tensor([0.0, 0.0, 1.0])[:, None, None]
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def scene(generator):
     config = HairModelConfig(
         ScalpTextureConfig(shape_size=4, appearance_size=128, appearance_channels=4),
         UNetConfig(widths=(8, 8)),
-        SurroundConfig(background_texture=4),
+        SurroundConfig(background_texture=4, background_directions=6),
         supersample=1,
     )
     model = HairModel(config, Roots(position, uv, frame, torch.zeros(STRANDS)), StrandGenerator(), body, generator)
@@ -129,7 +130,7 @@ def test_first_colours_are_those_of_the_pixels(scene, generator):
     initialise_colours(model, strands, targets)
     own = model.body.colour.detach().flatten(0, 1)[model.body.atlas.texels().texel]
     torch.testing.assert_close(own, torch.ones_like(own))
-    torch.testing.assert_close(model.background.colour.detach(), torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3))
+    torch.testing.assert_close(model.background.colour, BLUE.expand_as(model.background.colour))
     stored = model.textures.sample_appearance(strands.root_uv)[:, 0, :3].detach() + model.shading.mean.detach()
     assert (stored - to_srgb(found))[seen].abs().mean() < 0.05
 
@@ -160,8 +161,7 @@ def test_hair_does_not_colour_the_background_behind_it(scene, matte):
     model.body.vertices += 10.0
     targets = [painted(model, strands, camera, torch.zeros(STRANDS, 3)) for camera in cameras]
     initialise_colours(model, strands, [masked(target, matte) for target in targets])
-    blue = torch.tensor([0.0, 0.0, 1.0]).expand(4, 8, 3)
-    torch.testing.assert_close(model.background.colour.detach(), blue)
+    torch.testing.assert_close(model.background.colour, BLUE.expand_as(model.background.colour))
 
 
 def masked(target: View, matte: float | None) -> View:

@@ -55,7 +55,8 @@ def test_the_losses_of_an_image_step_stay_on_the_device():
         strands = model.decode()
         waits.clear()
         trimap = reference_alpha(mask, Rectangle(0, 0, WIDTH, HEIGHT), config.trimap)
-        output = model.render(strands, camera, gradient_weights=surround_weights(view))
+        assert surround_weights(view) is None
+        output = model.render(strands, camera)
         for loss in (rendering_loss(output.rgb, view.image), alpha_loss(output.alpha, trimap.alpha, trimap.supervised)):
             assert loss.device.type == "cuda"
             assert loss.shape == ()

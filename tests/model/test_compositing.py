@@ -13,7 +13,6 @@ from neural_strands.model.compositing import (
     COVERED,
     DENSEST,
     REACH,
-    Background,
     Body,
     SkinChange,
     SurroundConfig,
@@ -32,44 +31,6 @@ def skin_between(is_body: torch.Tensor, is_hair: torch.Tensor, factor: int) -> t
     """What shows of skin of one colour between hair; both are given at the resolution of lines."""
     seen = openings(torch.where(is_body, 1.0, torch.inf), is_hair.long() - 1, factor)
     return between_lines((seen.surface > 0)[..., None] * torch.tensor(SKIN), seen)
-
-
-def test_the_centre_is_the_present_one_with_and_without_inference_mode():
-    for inference in (False, True):
-        with torch.inference_mode(inference):
-            background = Background(torch.tensor([1.0, 2.0, 3.0]), SurroundConfig())
-            assert background.centre_on_cpu.tolist() == [1, 2, 3]
-            background.centre[0] = 4.0
-            assert background.centre_on_cpu.tolist() == [4, 2, 3]
-
-
-@pytest.mark.parametrize("eye", [(1.0, 2.0, 5.0), (1.3, -1.0, 3.2), (1.0, 2.0, 40.0)])
-def test_the_background_is_where_rays_leave_its_sphere(generator, eye):
-    """Pixel by pixel: from the centre, from beside it, and from outside, where some rays miss the sphere."""
-    background = Background(torch.tensor([1.0, 2.0, 5.0]), SurroundConfig(background_texture=8))
-    with torch.no_grad():
-        background.colour.uniform_(generator=generator)
-    camera = Camera.look_at(torch.tensor(eye), torch.tensor([0.3, 2.5, -2.0]), 6.0, (11, 9))
-    found, rows, columns = background(camera), *background.colour.shape[:2]
-    rays = camera.rays(camera.pixel_centres()).double()
-    start = torch.tensor(eye, dtype=torch.float64) - background.centre.double()
-    colour, missed = background.colour.detach().double(), 0
-    for row in range(9):
-        for column in range(11):
-            ray = rays[row, column]
-            roots = (ray @ start) ** 2 - start @ start + background.radius**2
-            farthest = float(roots.sqrt() - ray @ start) if roots > 0 else -1.0
-            missed += farthest <= 0
-            x, y, z = (start + farthest * ray if farthest > 0 else ray).tolist()
-            place = (math.atan2(x, z) / (2 * math.pi) + 0.5) * columns - 0.5
-            height = (math.atan2(y, math.hypot(x, z)) / math.pi + 0.5) * rows - 0.5
-            left, top = math.floor(place), math.floor(height)
-            expected = torch.zeros(3, dtype=torch.float64)
-            for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):
-                weight = (1 - abs(place - left - dx)) * (1 - abs(height - top - dy))
-                expected += weight * colour[min(max(top + dy, 0), rows - 1), (left + dx) % columns]
-            torch.testing.assert_close(found[row, column].double(), expected, rtol=0, atol=1e-4)
-    assert (missed > 0) == (eye[2] > 15)
 
 
 def test_hair_is_near_its_strands_alone():

@@ -27,7 +27,7 @@ def saved(tmp_path_factory) -> Path:
     config = HairModelConfig(
         ScalpTextureConfig(shape_size=4, appearance_size=4, appearance_channels=2),
         UNetConfig(widths=(4, 4)),
-        SurroundConfig(background_texture=4),
+        SurroundConfig(background_texture=4, background_directions=6),
         points=8,
     )
     triangle = Mesh(torch.eye(3), torch.tensor([[0, 1, 2]]))
@@ -47,7 +47,7 @@ CONFIGS = {
     "nested": ("[" * 100_000, "nested too deeply"),
     "list": ("[]", "expected an object"),
     "no format": ({"format": None}, "a value under 'format'"),
-    "other format": ({"format": "8"}, "format: expected 8, found '8'; use the version"),
+    "other format": ({"format": "8"}, "format: expected 9, found '8'; use the version"),
     "odd latent": ({"generator": {"latent": 1}}, "coupling layers need an even latent, found 1"),
     "layers": ({"generator": {"layers": 2**63}}, r"generator\.layers: expected a whole number from 0 to 64"),
     "warps": ({"generator": {"synthesiser": {"warps": 10**7}}}, r"generator\.synthesiser\.warps: expected a whole"),
@@ -58,7 +58,7 @@ CONFIGS = {
     "texels": ({"model": {"textures": {"shape_size": 8000}}}, r"textures\.shape of shape \(4, 4, 64\) in place of"),
     "sphere": ({"model": {"surround": {"background_texture": 10**6}}}, "background_texture: expected a whole number"),
     "hidden": ({"model": {"shading": {"hidden": 32}}}, "weights that do not fit config.json"),
-    "nan": ({"model": {"surround": {"background_radius": float("nan")}}}, "NaN, which is no number"),
+    "nan": ({"model": {"surround": {"background_distance": float("nan")}}}, "NaN, which is no number"),
     "points": ({"model": {"points": 10**9}}, r"model\.points: expected a whole number"),
     "latent": ({"generator": {"latent": 32}}, "weights that do not fit config.json"),
 }

@@ -17,7 +17,6 @@ from neural_strands.model import hair_model
 from neural_strands.model.compositing import (
     START,
     SurroundConfig,
-    SurroundWeights,
     between_lines,
     filled_from_coarser,
     hair_rectangle,
@@ -26,7 +25,6 @@ from neural_strands.model.compositing import (
 )
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import (
-    BACKGROUND_THROUGH,
     LEAST_OPACITY,
     MOST_OPACITY,
     HairModel,
@@ -47,7 +45,7 @@ def config(**changes) -> HairModelConfig:
     return HairModelConfig(
         ScalpTextureConfig(shape_size=8, appearance_size=8, appearance_channels=4),
         UNetConfig(widths=(8, 8, 8)),
-        SurroundConfig(body_texture=8, background_texture=4),
+        SurroundConfig(body_texture=8, background_texture=4, background_directions=6),
         points=12,
         **changes,
     )
@@ -167,7 +165,7 @@ def test_without_a_correction_the_picture_is_that_of_a_network_that_answers_zero
 def test_gradients_reach_both_textures_and_what_can_be_seen():
     hair = model()
     hair(view()).rgb.square().sum().backward()
-    for name in ("textures.shape", "textures.appearance", "body.colour", "background.colour", "unet.output"):
+    for name in ("textures.shape", "textures.appearance", "body.colour", "unet.output"):
         gradient = hair.get_parameter(name).grad
         assert gradient is not None, name
         assert gradient.abs().sum() > 0, name
@@ -258,7 +256,7 @@ def test_folders_that_are_no_model_are_refused_in_one_sentence(tmp_path):
     (folder / "model.safetensors").write_bytes(whole)
     described = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps({**described, "format": 99}))
-    with pytest.raises(InputError, match="format: expected 8, found 99; use the version"):
+    with pytest.raises(InputError, match="format: expected 9, found 99; use the version"):
         load_hair_model(folder)
     described["model"]["surprise"] = 1
     (folder / "config.json").write_text(json.dumps(described))
@@ -278,37 +276,18 @@ def test_the_image_is_hair_over_body_over_background():
     assert output.behind_rgb.max().item() == pytest.approx(0.8, abs=1e-5)
 
 
-def test_the_background_learns_only_beside_the_hair():
+def test_the_body_learns_where_it_is_told_to(generator):
     hair, camera = model(supersample=1), view((96, 80))
-    output = hair.render(stubble(hair), camera)
-    alpha = output.alpha.detach()[..., None]
-    share, skin = between_lines(hair.body(camera).colour, openings(output.body_depth, output.lines.segment, 1))
-    bare = (1 - share) * (1 - alpha)
-    assert (bare * (alpha > BACKGROUND_THROUGH)).max() > 0
-    beside = bare * (alpha <= BACKGROUND_THROUGH)
-    learned = [hair.background.colour, hair.body.colour]
-    found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
-    expected = torch.autograd.grad((hair.background(camera) * beside + skin * (1 - alpha)).sum(), learned)
-    for one, other in zip(found, expected, strict=True):
-        assert other.abs().sum() > 0
-        torch.testing.assert_close(one, other)
-
-
-def test_body_and_background_learn_where_they_are_told_to(generator):
-    hair, camera = model(supersample=1), view((96, 80))
-    weights = SurroundWeights(*torch.rand(2, 80, 96, generator=generator))
-    plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, gradient_weights=weights)
+    weight = torch.rand(80, 96, generator=generator)
+    plain, output = hair.render(stubble(hair), camera), hair.render(stubble(hair), camera, body_weight=weight)
     assert torch.equal(output.rgb, plain.rgb)
     alpha, seen = output.alpha.detach()[..., None], openings(output.body_depth, output.lines.segment, 1)
-    share, skin = between_lines(hair.body(camera).colour, seen)
-    bare = (1 - share) * weights.background[..., None]
-    shown = hair.background(camera) * bare + skin * weights.body[..., None]
-    learned = [hair.background.colour, hair.body.colour]
-    found = torch.autograd.grad(to_linear(output.rgb).sum(), learned)
-    expected = torch.autograd.grad((shown * (1 - alpha)).sum(), learned)
-    for one, other in zip(found, expected, strict=True):
-        assert other.abs().sum() > 0
-        torch.testing.assert_close(one, other)
+    _, skin = between_lines(hair.body(camera).colour, seen)
+    for rendered, share in ((output, weight[..., None]), (plain, torch.ones(80, 96, 1))):
+        (found,) = torch.autograd.grad(to_linear(rendered.rgb).sum(), hair.body.colour)
+        (expected,) = torch.autograd.grad((skin * share * (1 - alpha)).sum(), hair.body.colour, retain_graph=True)
+        assert expected.abs().sum() > 0
+        torch.testing.assert_close(found, expected)
 
 
 def test_gaps_show_the_next_coarser_map(generator):

@@ -17,6 +17,7 @@ from neural_strands.flow.hair_flow import InitialConfig
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import directions
+from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.hair_model import HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
@@ -111,6 +112,7 @@ def tiny_config(**changes) -> FitConfig:
     model = HairModelConfig(
         textures=ScalpTextureConfig(shape_size=32, appearance_size=32),
         unet=UNetConfig(widths=(8, 8)),
+        surround=SurroundConfig(background_texture=32, background_directions=24),
         points=24,
         supersample=1,
     )

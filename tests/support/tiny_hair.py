@@ -30,7 +30,7 @@ def tiny_hair_model(strands: int = 200, points: int = 20, seed: int = 0) -> Hair
     config = HairModelConfig(
         ScalpTextureConfig(shape_size=16, appearance_size=8, appearance_channels=4),
         UNetConfig(widths=(4, 4)),
-        SurroundConfig(background_texture=4),
+        SurroundConfig(background_texture=4, background_directions=6),
         lines=LineConfig(width=1e-4, tip=0.1),
         points=points,
     )

@@ -1,14 +1,28 @@
 """Weights of pixels in learning the colours of body and background, for photographs with person masks."""
 
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.views import View
-from neural_strands.model.compositing import SurroundWeights
 
 BESIDE = 0.1
 """Coverage by hair or person up to which a pixel counts as background; more would mix their colours into it."""
+
+
+@dataclass(frozen=True)
+class SurroundWeights:
+    """Weight of each pixel of a photograph in learning what lies behind the hair, in [0, 1].
+
+    Attributes:
+        body: weight for the colours of the body.
+        background: weight for the colours of the background.
+    """
+
+    body: Float[Tensor, "height width"]
+    background: Float[Tensor, "height width"]
 
 
 def surround_weights(view: View, hair: Float[Tensor, "height width"] | None = None) -> SurroundWeights | None:
