@@ -2,6 +2,7 @@
 
 import math
 import sqlite3
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -64,6 +65,14 @@ def photographed_room(tmp_path: Path) -> tuple[Path, list[Photograph]]:
     return images, shots
 
 
+def checked(steps: Iterable[str], title: str, total: int) -> Iterator[str]:
+    """Steps of which there must be as many as announced."""
+    taken = 0
+    for taken, step in enumerate(steps, 1):
+        yield step
+    assert taken == total, title
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [register_module.MATCH_ALL, 4])
 def test_matches_and_cameras_are_the_same_however_threads_run(
@@ -81,6 +90,7 @@ def test_matches_and_cameras_are_the_same_however_threads_run(
     monkeypatch.setattr(register_module.os, "cpu_count", lambda: 4)
     monkeypatch.setattr(register_module, "MATCH_ALL", most)
     monkeypatch.setattr(register_module, "PARTNERS", 2)
+    monkeypatch.setattr(register_module, "track", checked)
     images, shots = photographed_room(tmp_path)
     found = []
     for again in range(2):

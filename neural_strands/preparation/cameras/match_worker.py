@@ -3,9 +3,11 @@
 The request on standard input names `database`, `images`, `masks` (or null), `partners` (with how many others a
 photograph is matched, or null for all) and `groups`: for each lens its photographs (`names`), camera model (`model`),
 parameters (`params`, may be empty), the `focal` length to start from, in multiples of the longer side, and the number
-of `threads`. One line is printed after each group, and one at the end.
+of `threads`. A line is printed for each photograph after its features are found, and for each of `BLOCKS` parts of the
+pairs after they are matched; the last one is `FINISHED`.
 """
 
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -17,6 +19,11 @@ import pycolmap
 from neural_strands.preparation.cameras.likely_pairs import largest_features, likely_pairs
 
 PAIRS = "pairs.txt"
+BLOCKS = 20
+"""Parts in which pairs are matched, so that progress can be told."""
+AT_ONCE = 4
+"""Photographs for each thread between two reports."""
+FINISHED = "finished"
 
 
 def main(request: dict[str, Any]) -> None:
@@ -25,66 +32,72 @@ def main(request: dict[str, Any]) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
     pycolmap.Database.open(request["database"]).close()
     for group in request["groups"]:
-        options = pycolmap.ImageReaderOptions()
-        options.camera_model = group["model"]
-        options.camera_params = group["params"]
-        options.default_focal_length_factor = group["focal"]
-        if request["masks"] is not None:
-            options.mask_path = request["masks"]
-        # First, in the order of their names: detectors number images in the order in which they finish.
-        pycolmap.import_images(
-            request["database"],
-            request["images"],
-            camera_mode=pycolmap.CameraMode.SINGLE,
-            image_names=group["names"],
-            options=options,
-        )
-        extraction = pycolmap.FeatureExtractionOptions()
-        extraction.num_threads = group["threads"]
+        detect(group, request["database"], request["images"], request["masks"])
+    match(request["database"], request["partners"])
+    tell(FINISHED)
+
+
+def detect(group: dict[str, Any], database: str, images: str, masks: str | None) -> None:
+    """Find the features of photographs that share a lens."""
+    options = pycolmap.ImageReaderOptions()
+    options.camera_model = group["model"]
+    options.camera_params = group["params"]
+    options.default_focal_length_factor = group["focal"]
+    if masks is not None:
+        options.mask_path = masks
+    names = group["names"]
+    # First, in the order of their names: detectors number images in the order in which they finish.
+    pycolmap.import_images(database, images, camera_mode=pycolmap.CameraMode.SINGLE, image_names=names, options=options)
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads = group["threads"]
+    several = AT_ONCE * group["threads"]
+    for first in range(0, len(names), several):
+        part = names[first : first + several]
         pycolmap.extract_features(
-            request["database"],
-            request["images"],
-            image_names=group["names"],
+            database,
+            images,
+            image_names=part,
             camera_mode=pycolmap.CameraMode.SINGLE,
             reader_options=options,
             extraction_options=extraction,
             device=pycolmap.Device.cpu,
         )
-        tell("detected")
+        for name in part:
+            tell(name)
+
+
+def match(path: str, partners: int | None) -> None:
+    """Match the photographs in a database: all pairs, or those that look as if they overlap."""
+    with pycolmap.Database.open(path) as database:
+        images = sorted(database.read_all_images(), key=lambda image: image.image_id)
+        if partners is None:
+            chosen = list(itertools.combinations(range(len(images)), 2))
+        else:
+            chosen = likely_pairs([largest(database, image.image_id) for image in images], partners).tolist()
+        # COLMAP's list of pairs is split at spaces, which names may contain.
+        rename(database, {image.image_id: str(image.image_id) for image in images})
     verification = pycolmap.TwoViewGeometryOptions()
     # Without it, the random numbers of a pair depend on the pairs that its thread has verified before.
     verification.ransac.random_seed = 0
-    how: dict[str, Any] = {"verification_options": verification, "device": pycolmap.Device.cpu}
-    if request["partners"] is None:
-        pycolmap.match_exhaustive(request["database"], **how)
-    else:
-        match_likely_pairs(request["database"], request["partners"], how)
-    tell("matched")
-
-
-def match_likely_pairs(path: str, partners: int, how: dict[str, Any]) -> None:
-    """Match the photographs in a database that look as if they overlap."""
-    with pycolmap.Database.open(path) as database:
-        images = sorted(database.read_all_images(), key=lambda image: image.image_id)
-        largest = [
-            largest_features(
-                database.read_descriptors(image.image_id).data, feature_scales(database.read_keypoints(image.image_id))
-            )
-            for image in images
-        ]
-        # COLMAP's list of pairs is split at spaces, which names may contain.
-        rename(database, {image.image_id: str(image.image_id) for image in images})
     pairs = Path(path).with_name(PAIRS)
-    pairs.write_text(
-        "".join(
-            f"{images[first].image_id} {images[second].image_id}\n" for first, second in likely_pairs(largest, partners)
-        )
-    )
     pairing = pycolmap.ImportedPairingOptions(match_list_path=pairs)
-    pycolmap.match_image_pairs(path, pairing_options=pairing, **how)
-    pairs.unlink()
+    for block in range(BLOCKS):
+        part = chosen[block * len(chosen) // BLOCKS : (block + 1) * len(chosen) // BLOCKS]
+        if part:
+            pairs.write_text("".join(f"{images[i].image_id} {images[j].image_id}\n" for i, j in part))
+            pycolmap.match_image_pairs(
+                path, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+            )
+        tell(PAIRS)
+    pairs.unlink(missing_ok=True)
     with pycolmap.Database.open(path) as database:
         rename(database, {image.image_id: image.name for image in images})
+
+
+def largest(database: pycolmap.Database, image: int) -> np.ndarray:
+    """Descriptors of the largest features of a photograph; COLMAP stores x, y and four numbers of an affine shape."""
+    xx, xy, yx, yy = database.read_keypoints(image)[:, 2:6].T
+    return largest_features(database.read_descriptors(image).data, np.sqrt(np.abs(xx * yy - xy * yx)))
 
 
 def rename(database: pycolmap.Database, names: dict[int, str]) -> None:
@@ -92,12 +105,6 @@ def rename(database: pycolmap.Database, names: dict[int, str]) -> None:
     for image in database.read_all_images():
         image.name = names[image.image_id]
         database.update_image(image)
-
-
-def feature_scales(keypoints: np.ndarray) -> np.ndarray:
-    """The size of each feature: COLMAP stores x, y and the four numbers of an affine shape."""
-    xx, xy, yx, yy = keypoints[:, 2:6].T
-    return np.sqrt(np.abs(xx * yy - xy * yx))
 
 
 def tell(line: str) -> None:

@@ -55,6 +55,8 @@ MATCH_ALL, PARTNERS = 50, 24
 ONE_THREAD = 1
 """Threads that place the cameras; several would add up in an order that differs from run to run."""
 DATABASE = "database.db"
+REPORTS = 21
+"""Lines that the worker prints while it matches, and when it has finished."""
 WORKER = Path(__file__).with_name("match_worker.py")
 
 
@@ -83,8 +85,9 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
         "groups": [_lens_request(group) for group in groups],
     }
     with started_worker(None, WORKER, request, "pycolmap", isolated=False) as worker:
-        said = [line.strip() for line in track(worker.answers(), "finding features", total=len(groups) + 1)]
-        if said[-1:] != ["matched"] or worker.status() != 0:
+        told = track(worker.answers(), "finding and matching features", total=len(photographs) + REPORTS)
+        said = [line.strip() for line in told]
+        if said[-1:] != ["finished"] or worker.status() != 0:
             raise _failure(worker.last_words())
 
 
