@@ -64,9 +64,8 @@ def background_shot(view: View, share: Float[Tensor, "height width"], rows: int)
         rows: cells of a sphere from pole to pole.
     """
     rays = view.camera.ray_planes().permute(1, 2, 0)
-    middle = rays[rays.shape[0] // 2, rays.shape[1] // 2 - 1 : rays.shape[1] // 2 + 1]
-    pixel = float((middle[1] - middle[0]).norm())
-    factor = max(1, min(round(math.pi / rows / PIXELS / pixel), *rays.shape[:2]))
+    pixels = float(view.camera.intrinsics[0, 0]) * math.pi / rows  # that span a cell
+    factor = max(1, min(round(pixels / PIXELS), *rays.shape[:2]))
     light = area_mean(torch.cat([to_linear(view.image) * share[..., None], share[..., None]], dim=2), factor)
     pure = light[..., 3] > PURE
     few = light[pure]
