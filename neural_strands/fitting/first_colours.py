@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from neural_strands.fitting.photographs.background_colours import background_colours
 from neural_strands.fitting.photographs.background_distance import background_nearness, background_shot
 from neural_strands.fitting.photographs.surround_weights import BESIDE, surround_weights
 from neural_strands.foundation.gradients import weighted_gradient
@@ -21,7 +22,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
-from neural_strands.model.background import sample_around, wrapped
+from neural_strands.model.background import wrapped
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hidden_skin import extend_over_mesh
@@ -37,6 +38,8 @@ FROM_CORNERS = 0.25
 HAIR_ALONE, AROUND, EVERYWHERE = 16, 4.0, 0.01
 """For the colour of hair: power of the hair's coverage by which pixels count, standard deviation of the surroundings
 over which they are averaged, pixels, and weight of the mean of all hair, for places without dense hair."""
+APART = 2
+"""Distance of the background from what is none, pixels, along rows and columns."""
 AS_SEEN = 0.1
 """Weight with which the body also takes a pixel's colour as it is, relative to the body's share of the pixel. Under
 dense hair, only noise is left once the light of the hair is removed."""
@@ -139,40 +142,33 @@ def _body(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -
 
 
 def _background(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Set the distances of the background, and its texels to means of the pixels that show them.
-
-    Those that no pixel shows continue their surroundings.
-    """
+    """Set the distances of the background, and its colours."""
     background, directions = model.background, model.config.surround.background_directions
     shots = [background_shot(target, _background_share(model, strands, target), directions) for target in targets]
     otherwise = 1 / model.config.surround.background_distance
     nearness = background_nearness(shots, background.centre, directions, otherwise)
     background.nearness.copy_(wrapped(nearness[None]))
-    rows, columns = background.colour.shape[1:]
-    total = background.colour.new_zeros(4, rows, columns)
-    for target in targets:
-        share = _background_share(model, strands, target)[None]
-        picture = torch.zeros_like(total).requires_grad_()
-        shown = sample_around(picture, background.directions(target.camera))
-        light = to_linear(target.image).permute(2, 0, 1)
-        total += weighted_gradient(shown, torch.cat([light * share, share]), picture)
-    # What lies in a repeated column belongs to the column that it repeats.
-    total[..., 1] += total[..., -1]
-    total[..., -2] += total[..., 0]
-    sums, weight = total[..., 1:-1].permute(1, 2, 0).split([3, 1], dim=2)
-    if weight.sum() > TINY:
-        background.colour.copy_(wrapped(fill_texture(sums, weight).permute(2, 0, 1)))
+    shared = ((target, _background_share(model, strands, target)) for target in targets)
+    colours = background_colours(background, shared)
+    if colours is not None:
+        background.colour.copy_(wrapped(colours))
 
 
 @torch.no_grad()
 def _background_share(model: HairModel, strands: Strands, target: View) -> Float[Tensor, "height width"]:
-    """Weight of each pixel in the background; without a mask of the person, what has almost no hair and no body."""
+    """Weight of each pixel in the background: none beside the person, where its colours may be mixed in.
+
+    Without a mask of the person, the background is what has almost no hair and no body.
+    """
     hair = _hair(model, strands, target)
     surround = surround_weights(target, hair)
-    if surround is not None:
-        return surround.background
-    bare = model.body(target.camera).coverage == 0
-    return torch.where(bare & (hair < BESIDE), 1 - hair, 0.0)
+    if surround is None:
+        bare = model.body(target.camera).coverage == 0
+        share = torch.where(bare & (hair < BESIDE), 1 - hair, 0.0)
+    else:
+        share = surround.background
+    other = F.max_pool2d((share == 0).float()[None, None], 2 * APART + 1, stride=1, padding=APART)[0, 0]
+    return share * (1 - other)
 
 
 def _light_of_hair(

@@ -14,7 +14,7 @@ from torch.nn import functional as F
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.model.compositing import START, SurroundConfig
-from neural_strands.raster.texture import sample_picture
+from neural_strands.raster.texture import blur_texture, sample_picture
 
 STEPS = 8
 """Steps by which the place is found where a ray leaves the shell."""
@@ -137,7 +137,13 @@ def sample_around(
     picture: Float[Tensor, "channel rows wrapped"], directions: Float[Tensor, "3 height width"]
 ) -> Float[Tensor, "channel height width"]:
     """Interpolate a picture in all directions, with a repeated column on either side (`wrapped`)."""
-    u, v = equirectangular(directions)
+    return sample_wrapped(picture, *equirectangular(directions))
+
+
+def sample_wrapped(
+    picture: Float[Tensor, "channel rows wrapped"], u: Float[Tensor, "height width"], v: Float[Tensor, "height width"]
+) -> Float[Tensor, "channel height width"]:
+    """The same at texture coordinates; see `equirectangular`."""
     columns = picture.shape[2]
     uv = torch.stack([(u * (columns - 2) + 1) / columns, v], dim=-1)
     read = sample_picture(picture.permute(1, 2, 0), uv.view(-1, 2))
@@ -147,6 +153,16 @@ def sample_around(
 def wrapped(picture: Float[Tensor, "channel rows columns"], count: int = 1) -> Float[Tensor, "channel rows wrapped"]:
     """A picture in all directions with columns of its other end repeated on either side."""
     return torch.cat([picture[..., -count:], picture, picture[..., :count]], dim=2)
+
+
+def blurred_around(
+    pictures: Float[Tensor, "picture rows columns"], sigma: float
+) -> Float[Tensor, "picture rows columns"]:
+    """Pictures in all directions, of no negative values, blurred by a Gaussian of `sigma` degrees."""
+    cells = sigma * pictures.shape[1] / 180
+    more = min(math.ceil(3 * cells), pictures.shape[2])
+    blurred = blur_texture(wrapped(pictures, more).permute(1, 2, 0).contiguous(), cells).permute(2, 0, 1)
+    return blurred[..., more:-more].clamp(min=0.0)
 
 
 def _unit(vectors: Float[Tensor, "3 height width"]) -> Float[Tensor, "3 height width"]:

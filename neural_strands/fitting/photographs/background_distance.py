@@ -16,9 +16,8 @@ from torch.nn import functional as F
 
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.views import View
-from neural_strands.model.background import equirectangular, followed_rays, sphere_directions, wrapped
+from neural_strands.model.background import blurred_around, equirectangular, followed_rays, sphere_directions, wrapped
 from neural_strands.model.compositing import area_mean
-from neural_strands.raster.texture import blur_texture
 
 NEAREST, FARTHEST, RADII = 0.4, 30.0, 28
 """Radii of the spheres: between these, in metres, and so many, evenly spaced in their inverses."""
@@ -127,7 +126,9 @@ class Sweep:
         whole = disagreement.sum(dim=(1, 2)) / met.clamp(min=1)
         # Spheres on which no photographs meet tell nothing.
         whole = torch.where(met > 0, whole, whole.max())
-        votes, voters = (torch.stack([_blurred(part, sigma) for sigma in AROUND]) for part in (disagreement, pairs))
+        votes, voters = (
+            torch.stack([blurred_around(part, sigma) for sigma in AROUND]) for part in (disagreement, pairs)
+        )
         return cls(inverse, votes, voters, whole, pairs.sum(dim=0) > 0)
 
     def nearness(self, everywhere: float, otherwise: float) -> Float[Tensor, "rows columns"]:
@@ -150,7 +151,7 @@ class Sweep:
         total, share = weighted.sum(dim=(1, 2))
         smooth = (total / share.clamp(min=TINY)).expand_as(near)
         for sigma in SMOOTH:
-            total, share = _blurred(weighted, sigma)
+            total, share = blurred_around(weighted, sigma)
             smooth = (total + CONTINUED * smooth) / (share + CONTINUED)
         return smooth
 
@@ -205,14 +206,6 @@ def _cells(directions: Float[Tensor, "3 1 pixel"], rows: int) -> Int64[Tensor, "
     u, v = equirectangular(directions)
     row, column = ((x[0] * n).long().clamp(max=n - 1) for x, n in ((v, rows), (u, 2 * rows)))
     return row * 2 * rows + column
-
-
-def _blurred(pictures: Float[Tensor, "picture rows columns"], sigma: float) -> Float[Tensor, "picture rows columns"]:
-    """Pictures in all directions, blurred by a Gaussian of `sigma` degrees."""
-    sigma *= pictures.shape[1] / 180
-    more = min(math.ceil(3 * sigma), pictures.shape[2])
-    blurred = blur_texture(wrapped(pictures, more).permute(1, 2, 0).contiguous(), sigma).permute(2, 0, 1)
-    return blurred[..., more:-more].clamp(min=0.0)
 
 
 def _between(

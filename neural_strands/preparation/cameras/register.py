@@ -281,8 +281,8 @@ def _points(model: "pycolmap.Reconstruction") -> SparsePoints:
 
 
 def _report_progress(say: Callable[[str], None], number: int, total: int) -> None:
-    """Report progress occasionally, because mapping takes minutes."""
-    if number % 10 == 0:
+    """Report progress occasionally, because mapping takes minutes; photographs may be tried more than once."""
+    if number % 10 == 0 and number <= total:
         say(f"Placed {number} of {total} photographs.")
 
 
