@@ -56,11 +56,18 @@ def test_shared_features_are_those_that_loops_find():
 def test_photographs_are_matched_with_those_that_overlap_and_with_no_others():
     shots = strip(20, 8)
     overlapping = {(i, j) for i, j in itertools.combinations(range(20), 2) if SEEN - 8 * (j - i) >= FEWEST_SHARED}
-    assert {tuple(pair) for pair in likely_pairs(shots, 20).tolist()} == overlapping
+    many = {tuple(pair) for pair in likely_pairs(shots, 8).tolist()}
+    assert many == overlapping
     few = {tuple(pair) for pair in likely_pairs(shots, 4).tolist()}
     assert few < overlapping
     assert few >= {(k, k + 1) for k in range(19)}
     assert few & {(k, k + 4) for k in range(16)}, "some partners are far away"
+
+
+def test_the_most_alike_are_partners_even_if_they_share_little():
+    shots = strip(8, SEEN - 5)
+    assert FEWEST_SHARED > 5
+    assert {tuple(pair) for pair in likely_pairs(shots, 4).tolist()} >= {(k, k + 1) for k in range(7)}
 
 
 @pytest.mark.parametrize("partners", [2, 6])

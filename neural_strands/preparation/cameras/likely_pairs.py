@@ -17,7 +17,7 @@ LARGEST = 500
 RATIO = 0.8
 """Largest distance of a match, relative to that of the second nearest feature (Lowe 2004, section 7.1)."""
 FEWEST_SHARED = 8
-"""Matches by which photographs may be partners; fewer are likely to be chance."""
+"""Matches by which photographs that are not among the most alike may be partners; fewer are likely to be chance."""
 
 
 def largest_features(
@@ -30,9 +30,9 @@ def largest_features(
 def likely_pairs(descriptors: Sequence[UInt8[np.ndarray, "_ 128"]], partners: int) -> Int[np.ndarray, "pair 2"]:
     """Pairs of photographs that look as if they overlap: about `partners` for each photograph.
 
-    Half of a photograph's partners are those most like it, mostly its neighbours; the others are spread over the rest
-    that share features with it, because distant cameras keep a model from bending. A maximum spanning tree is added, so
-    that groups of similar photographs stay connected.
+    Half of a photograph's partners are those most like it, mostly its neighbours, however few features they share; the
+    others are spread over the rest that share features with it, because distant cameras keep a model from bending. A
+    maximum spanning tree is added, so that groups of similar photographs stay connected.
 
     Args:
         descriptors: SIFT descriptors of the largest features of each photograph.
@@ -45,8 +45,8 @@ def likely_pairs(descriptors: Sequence[UInt8[np.ndarray, "_ 128"]], partners: in
     chosen = np.zeros(shared.shape, dtype=bool)
     for own, row in enumerate(shared):
         ranked = np.argsort(-row, kind="stable")
-        ranked = ranked[row[ranked] >= FEWEST_SHARED]
         near, far = ranked[: partners // 2], ranked[partners // 2 :]
+        far = far[row[far] >= FEWEST_SHARED]
         spread = np.linspace(0, len(far) - 1, min(partners - partners // 2, len(far))).round().astype(int)
         chosen[own, near] = chosen[own, far[spread]] = True
     # The smallest tree of negative weights is the largest; one more, because a weight of zero is no edge.
