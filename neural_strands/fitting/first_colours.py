@@ -39,7 +39,7 @@ HAIR_ALONE, AROUND, EVERYWHERE = 16, 4.0, 0.01
 """For the colour of hair: power of the hair's coverage by which pixels count, standard deviation of the surroundings
 over which they are averaged, pixels, and weight of the mean of all hair, for places without dense hair."""
 APART = 2
-"""Distance of the background from what is none, pixels, along rows and columns."""
+"""Pixels of the background that lie so few rows and columns from anything else do not count."""
 AS_SEEN = 0.1
 """Weight with which the body also takes a pixel's colour as it is, relative to the body's share of the pixel. Under
 dense hair, only noise is left once the light of the hair is removed."""
@@ -148,6 +148,7 @@ def _background(model: HairModel, strands: Strands, targets: Views | Sequence[Vi
     otherwise = 1 / model.config.surround.background_distance
     nearness = background_nearness(shots, background.centre, directions, otherwise)
     background.nearness.copy_(wrapped(nearness[None]))
+    # Weights are computed a second time: those of all photographs may not fit into memory.
     shared = ((target, _background_share(model, strands, target)) for target in targets)
     colours = background_colours(background, shared)
     if colours is not None:
@@ -163,7 +164,7 @@ def _background_share(model: HairModel, strands: Strands, target: View) -> Float
     hair = _hair(model, strands, target)
     surround = surround_weights(target, hair)
     if surround is None:
-        bare = model.body(target.camera).coverage == 0
+        bare = rasterise_triangles(model.body.vertices, model.body.faces, target.camera).face < 0
         share = torch.where(bare & (hair < BESIDE), 1 - hair, 0.0)
     else:
         share = surround.background

@@ -19,14 +19,14 @@ from neural_strands.raster.texture import blur_texture, sample_picture
 STEPS = 8
 """Steps by which the place is found where a ray leaves the shell."""
 SPARSE, FEWEST = 8, 16
-"""Rays follow the shell in every so manieth pixel along each axis, but in this many at least; between them, their
-lengths are interpolated."""
+"""Pixels between the rays of a picture whose lengths are computed, along each axis, and the least number of such rays;
+other lengths are interpolated."""
 ENDLESS = 1e6
 """Length of rays that miss the shell, metres."""
 
 
 class Background(nn.Module):
-    """A shell around the subject, seen from inside. Both pictures repeat their last column before the first one.
+    """A shell around the subject, seen from inside; both of its pictures are `wrapped`.
 
     Attributes:
         nearness: inverse distance of the shell from its centre, 1/metres.

@@ -9,7 +9,6 @@ from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.geometry_step import StepStrands, shape_losses
 from neural_strands.fitting.losses import OrientedTargets, alpha_loss, rendering_loss
 from neural_strands.fitting.photographs.streak_loss import Streaks, streak_loss
-from neural_strands.fitting.photographs.surround_weights import surround_weights
 from neural_strands.fitting.photographs.trimap import reference_alpha
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.geometry.cameras import Camera
@@ -55,8 +54,7 @@ def test_the_losses_of_an_image_step_stay_on_the_device():
         strands = model.decode()
         waits.clear()
         trimap = reference_alpha(mask, Rectangle(0, 0, WIDTH, HEIGHT), config.trimap)
-        assert surround_weights(view) is None
-        output = model.render(strands, camera)
+        output = model.render(strands, camera, body_weight=mask)
         for loss in (rendering_loss(output.rgb, view.image), alpha_loss(output.alpha, trimap.alpha, trimap.supervised)):
             assert loss.device.type == "cuda"
             assert loss.shape == ()

@@ -52,7 +52,7 @@ def continued(
 
     Args:
         total: sums of the pixels' colours.
-        weight: sums of their weights, for some texels more than zero.
+        weight: sums of their weights, more than zero for some texels.
     """
     few = min(ROWS, len(weight))
     sums = F.adaptive_avg_pool2d(torch.cat([total, weight[None]]), (few, 2 * few)) * (len(weight) / few) ** 2

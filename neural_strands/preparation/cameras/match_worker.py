@@ -1,10 +1,10 @@
 """Detects and matches features with COLMAP in a process of its own, because COLMAP aborts its process on a full disk.
 
 The request on standard input names `database`, `images`, `masks` (or null), `partners` (with how many others a
-photograph is matched, or null for all) and `groups`: for each lens its photographs (`names`), camera model (`model`),
-parameters (`params`, may be empty), the `focal` length to start from, in multiples of the longer side, and the number
-of `threads`. A line is printed for each photograph after its features are found, and for each of `BLOCKS` parts of the
-pairs after they are matched; the last one is `FINISHED`.
+photograph is matched, or null for all), `blocks` (in how many parts pairs are matched) and `groups`: for each lens its
+photographs (`names`), camera model (`model`), parameters (`params`, may be empty), the `focal` length to start from, in
+multiples of the longer side, and the number of `threads`. A line is printed for each photograph after its features are
+found, and for each block after its pairs are matched; the last one is `FINISHED`.
 """
 
 import itertools
@@ -19,8 +19,6 @@ import pycolmap
 from neural_strands.preparation.cameras.likely_pairs import largest_features, likely_pairs
 
 PAIRS = "pairs.txt"
-BLOCKS = 20
-"""Parts in which pairs are matched, so that progress can be told."""
 AT_ONCE = 4
 """Photographs for each thread between two reports."""
 FINISHED = "finished"
@@ -33,7 +31,7 @@ def main(request: dict[str, Any]) -> None:
     pycolmap.Database.open(request["database"]).close()
     for group in request["groups"]:
         detect(group, request["database"], request["images"], request["masks"])
-    match(request["database"], request["partners"])
+    match(request["database"], request["partners"], request["blocks"])
     tell(FINISHED)
 
 
@@ -66,7 +64,7 @@ def detect(group: dict[str, Any], database: str, images: str, masks: str | None)
             tell(name)
 
 
-def match(path: str, partners: int | None) -> None:
+def match(path: str, partners: int | None, blocks: int) -> None:
     """Match the photographs in a database: all pairs, or those that look as if they overlap."""
     with pycolmap.Database.open(path) as database:
         images = sorted(database.read_all_images(), key=lambda image: image.image_id)
@@ -81,8 +79,8 @@ def match(path: str, partners: int | None) -> None:
     verification.ransac.random_seed = 0
     pairs = Path(path).with_name(PAIRS)
     pairing = pycolmap.ImportedPairingOptions(match_list_path=pairs)
-    for block in range(BLOCKS):
-        part = chosen[block * len(chosen) // BLOCKS : (block + 1) * len(chosen) // BLOCKS]
+    for block in range(blocks):
+        part = chosen[block * len(chosen) // blocks : (block + 1) * len(chosen) // blocks]
         if part:
             pairs.write_text("".join(f"{images[i].image_id} {images[j].image_id}\n" for i, j in part))
             pycolmap.match_image_pairs(

@@ -51,12 +51,12 @@ PIXEL_MEMORY, FEATURE_MEMORY = 320, 3e9
 LARGEST_DETECTED = 3200
 """Longer side to which COLMAP itself reduces photographs when it detects features, pixels."""
 MATCH_ALL, PARTNERS = 50, 24
-"""With more photographs, not all pairs are matched, but each photograph with about this many others."""
+"""Largest number of photographs of which all pairs are matched, and about how many partners each has beyond that."""
 ONE_THREAD = 1
 """Threads that place the cameras; several would add up in an order that differs from run to run."""
 DATABASE = "database.db"
-REPORTS = 21
-"""Lines that the worker prints while it matches, and when it has finished."""
+BLOCKS = 20
+"""Parts in which pairs are matched, so that progress can be told."""
 WORKER = Path(__file__).with_name("match_worker.py")
 
 
@@ -82,10 +82,11 @@ def match_photographs(images: Path, photographs: Sequence[Photograph], out: Path
         "images": str(images.resolve()),
         "masks": None if person is None else str(person.resolve()),
         "partners": PARTNERS if len(photographs) > MATCH_ALL else None,
+        "blocks": BLOCKS,
         "groups": [_lens_request(group) for group in groups],
     }
     with started_worker(None, WORKER, request, "pycolmap", isolated=False) as worker:
-        told = track(worker.answers(), "finding and matching features", total=len(photographs) + REPORTS)
+        told = track(worker.answers(), "finding and matching features", total=len(photographs) + BLOCKS + 1)
         said = [line.strip() for line in told]
         if said[-1:] != ["finished"] or worker.status() != 0:
             raise _failure(worker.last_words())

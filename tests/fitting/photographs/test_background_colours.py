@@ -22,7 +22,7 @@ def test_where_pixels_are_their_mean_is_kept_and_constants_are_everywhere(rows: 
     torch.testing.assert_close(continued(same * weight, weight), same.contiguous(), atol=1e-4, rtol=0)
 
 
-def test_between_two_patches_colours_go_over_into_each_other_also_across_the_seam():
+def test_between_two_patches_colours_blend_across_the_seam_as_well():
     weight, total = torch.zeros(96, 192), torch.zeros(3, 96, 192)
     for colour, columns in ((RED, slice(40, 60)), (BLUE, slice(130, 150))):
         weight[30:60, columns] = 50.0
