@@ -1,1 +1,1 @@
-"""What photographs ask of the fit: regions to compare, trimaps, weights beside the hair, and streaks."""
+"""What photographs tell a fit: regions to compare, trimaps, streaks, and the background with its distances."""
