@@ -71,7 +71,7 @@ def frontal(capture: Capture, degrees: float, middle: torch.Tensor) -> Capture:
 
 def agreement(ours: OrientedPoints, truth: OrientedPoints, hidden: tuple[torch.Tensor, torch.Tensor]) -> Agreement:
     """Precision of our points and recall of the true ones, each where `hidden` holds."""
-    chosen = [_some(points, keep) for points, keep in zip((ours, truth), hidden, strict=True)]
+    chosen = [points.selected(keep) for points, keep in zip((ours, truth), hidden, strict=True)]
     precision, recall = (
         matched_shares(part, others, [MATCH])[0][0] for part, others in zip(chosen, (truth, ours), strict=True)
     )
@@ -142,10 +142,6 @@ def main(arguments: Arguments) -> None:
     sys.stdout.write(json.dumps({"capture": arguments.capture.name, "views": len(kept)} | result) + "\n")
     if arguments.picture is not None:
         write_png(arguments.picture, picture([truth.points, found.points], head.mesh))
-
-
-def _some(points: OrientedPoints, keep: torch.Tensor) -> OrientedPoints:
-    return OrientedPoints(points.points[keep], points.directions[keep], points.curve[keep], points.step_index[keep])
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from neural_strands.geometry.line_segments import LineSegments
@@ -45,10 +45,12 @@ class OrientedPoints:
 
     def thinned(self, every: int) -> "OrientedPoints":
         """Every n-th point of each curve, starting with its first."""
-        keep = self.step_index % every == 0
-        return OrientedPoints(
-            self.points[keep], self.directions[keep], self.curve[keep], self.step_index[keep] // every
-        )
+        kept = self.selected(self.step_index % every == 0)
+        return OrientedPoints(kept.points, kept.directions, kept.curve, kept.step_index // every)
+
+    def selected(self, keep: Bool[Tensor, " point"]) -> "OrientedPoints":
+        """The points that are marked."""
+        return OrientedPoints(self.points[keep], self.directions[keep], self.curve[keep], self.step_index[keep])
 
     def roots(self) -> Float[Tensor, "curve 3"]:
         """First point of each curve."""
