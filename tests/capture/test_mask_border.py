@@ -74,14 +74,16 @@ def test_grown_masks_reach_by_a_disc():
     assert grown(dot, 0) is dot
 
 
-def write(folder: Path, off: int) -> Capture:
+def write(folder: Path, off: int, sparse: float = 0.0) -> Capture:
+    """A capture with masks that are off, of which a share lets some of the skin show through."""
     writer, cameras = CaptureWriter(folder), []
+    thin = np.random.default_rng(0).random((SIDE, SIDE)) < sparse
     for index in range(4):
         angle = torch.tensor(0.4 * index)
         eye = torch.stack([angle.sin(), torch.tensor(0.1), angle.cos()])
         camera = Camera.look_at(eye, torch.zeros(3), 300.0, (SIDE, SIDE), f"{index}.png")
         image, hair = picture(index)
-        mask = resized(hair, off).astype(np.uint8) * 255
+        mask = np.where(resized(hair, off), np.where(thin, 160, 255), 0).astype(np.uint8)
         writer.write_view(camera, image, mask)
         cameras.append(camera)
     writer.finish(cameras)
@@ -116,6 +118,13 @@ def test_right_masks_and_captures_without_masks_stay(tmp_path: Path):
     assert check_border(capture) is None
     bare = replace(capture, files=tuple(replace(view, hair_mask_path=None) for view in capture.files))
     assert mask_border(bare) is None
+
+
+@pytest.mark.parametrize(("sparse", "growth"), [(0.3, 5), (0.7, 0)])
+def test_mattes_of_sparse_hair_stay(tmp_path: Path, sparse: float, growth: int):
+    capture = write(tmp_path / "matte", -5, sparse)
+    corrected = with_corrected_masks(capture, capture, lambda _: None)
+    assert abs(corrected.mask_growth * SIDE - growth) < 1.5
 
 
 def test_large_pictures_are_looked_at_smaller(tmp_path: Path):
