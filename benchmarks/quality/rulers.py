@@ -69,21 +69,21 @@ def halves(truth: Strands, head: Mesh, seed: int) -> dict[str, Any]:
     rest = score_geometry(one.selected(outside), other, with_consistency=False)
     return {
         "half_against_half": {score.threshold.name: round(score.unsigned.f_score, 2) for score in whole},
-        "strand_consistency": {score.threshold.name: round(score.strand_consistency or 0.0, 2) for score in whole},
+        "strand_consistency": {score.threshold.name: score.strand_consistency for score in whole},
         "inside_head": round(100 * (1 - float(outside.double().mean())), 2),
         "outside_against_half": {score.threshold.name: round(score.unsigned.f_score, 2) for score in rest},
         "outside_recall": {score.threshold.name: round(score.unsigned.recall, 2) for score in rest},
     }
 
 
-def true_directions(capture: Capture, truth: Strands, width: float) -> float | None:
+def true_directions(capture: Capture, truth: Strands, head: Mesh, width: float) -> float | None:
     """Share of the streaks of held-out photographs that the true strands follow, percent."""
-    head, views = find_head(capture), capture.views_on()
+    views = capture.views_on()
     found = []
     for index in held_out_views(len(capture), HOLD_OUT_EVERY):
         view = views[index]
         fine = view.camera.resized(SUPERSAMPLE * view.camera.width, SUPERSAMPLE * view.camera.height)
-        body = rasterise_triangles(head.mesh.vertices, head.mesh.faces, fine)
+        body = rasterise_triangles(head.vertices, head.faces, fine)
         lines = rasterise_lines(truth.points, fine, body.depth, LineConfig(width=width))
         alpha = area_mean((lines.segment >= 0).float()[..., None], SUPERSAMPLE)[..., 0]
         found.append(strands_in_view(lines, truth.points, alpha, view))
@@ -109,13 +109,12 @@ def main(arguments: Arguments) -> None:
     for folder in arguments.captures:
         capture = Capture.load(folder)
         truth = capture.ground_truth
-        figures = {
-            "capture": folder.name,
-            "strands": None if truth is None else len(truth),
-            **({} if truth is None else halves(truth, find_head(capture).mesh, arguments.seed)),
-            "true_strands_direction": None if truth is None else true_directions(capture, truth, arguments.width),
-            "blurred": {f"{sigma:g} px": blurred(capture, sigma) for sigma in arguments.blurs},
-        }
+        figures: dict[str, Any] = {"capture": folder.name, "strands": None if truth is None else len(truth)}
+        if truth is not None:
+            head = find_head(capture).mesh
+            figures |= halves(truth, head, arguments.seed)
+            figures["true_strands_direction"] = true_directions(capture, truth, head, arguments.width)
+        figures["blurred"] = {f"{sigma:g} px": blurred(capture, sigma) for sigma in arguments.blurs}
         sys.stdout.write(json.dumps(figures) + "\n")
         sys.stdout.flush()
 

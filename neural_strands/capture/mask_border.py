@@ -37,13 +37,6 @@ TIGHT, WIDE = 1.5, -2.5
 is fine."""
 WANTED = 1.0
 """Margin beyond the hair that shrunk masks keep, pixels."""
-LITTLE, MUCH, DEEP = 0.1, 0.9, 4.0
-"""Coverage between the first two is partial; deep in a mask is what lies farther than the third, pixels, from places
-with less than the first."""
-SPARSE = 0.4
-"""Masks of which a larger share is deep and partly covered are mattes of sparse hair. Its end is where a matte falls
-below one half, which looks like hair on both sides, so it says nothing about a bias. Mattes of dense hair have 0.18 to
-0.31, of short sparse hair 0.45 to 0.58."""
 
 
 def mask_border(capture: Capture) -> float | None:
@@ -53,17 +46,14 @@ def mask_border(capture: Capture) -> float | None:
         capture: photographs and hair masks.
 
     Returns:
-        Pixels of views reduced to `LONGEST_SIDE`; None if the photographs do not determine it, or if the masks are
-        mattes of sparse hair.
+        Pixels of views reduced to `LONGEST_SIDE`; None if the photographs do not determine it.
 
     Raises:
         InputError: a photograph or a mask cannot be read.
     """
     masked = [index for index, view in enumerate(capture.files) if view.hair_mask_path is not None]
-    views = [_reduced_view(capture, index) for index in masked[:: max(1, -(-len(masked) // MOST_VIEWS))]]
-    if _sparse([mask for _, mask in views]):
-        return None
-    return border_of([(picture, mask > 0.5) for picture, mask in views])
+    chosen = masked[:: max(1, -(-len(masked) // MOST_VIEWS))]
+    return border_of([_reduced_view(capture, index) for index in chosen])
 
 
 def border_of(views: Sequence[tuple[np.ndarray, Bool[np.ndarray, "height width"]]]) -> float | None:
@@ -137,23 +127,11 @@ def _longest_side(capture: Capture) -> int:
     return max(max(camera.width, camera.height) for camera in capture.cameras)
 
 
-def _sparse(masks: Sequence[Float[np.ndarray, "height width"]]) -> bool:
-    """Whether masks are mattes of sparse hair."""
-    total = partial = 0
-    for mask in masks:
-        some = mask > LITTLE
-        inside = np.asarray(cv2.distanceTransform(some.astype(np.uint8), cv2.DIST_L2, 5)) > DEEP
-        partial += int((inside & (mask < MUCH)).sum())
-        total += int(some.sum())
-    return partial > SPARSE * total
-
-
-def _reduced_view(capture: Capture, index: int) -> tuple[np.ndarray, Float[np.ndarray, "height width"]]:
-    """A view's picture, 8-bit RGB, and its hair mask, coverage in [0, 1]."""
+def _reduced_view(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarray, "height width"]]:
     picture, mask = capture.image(index).numpy(), capture.hair_mask(index)
     assert mask is not None
     small, hair = (reduced(each, LONGEST_SIDE) for each in (picture, mask.numpy()))
-    return np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8), hair
+    return np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8), hair > 0.5
 
 
 def _signed_distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
