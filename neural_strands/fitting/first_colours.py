@@ -22,10 +22,10 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
-from neural_strands.model.background import wrapped
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
-from neural_strands.model.hidden_skin import extend_over_mesh
+from neural_strands.model.surround.background import wrapped
+from neural_strands.model.surround.hidden_skin import extend_over_mesh
 from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import blur_texture, sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles

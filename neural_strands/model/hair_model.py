@@ -21,10 +21,7 @@ from neural_strands.geometry.frames import to_world
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
-from neural_strands.model.background import Background
 from neural_strands.model.compositing import (
-    Body,
-    SurroundConfig,
     between_lines,
     compose,
     filled_from_coarser,
@@ -39,6 +36,8 @@ from neural_strands.model.outputs import Drawing, HairImage, RenderOutput
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
 from neural_strands.model.seen_directions import turn_to_seen
 from neural_strands.model.shading import PointShading, ShadingConfig
+from neural_strands.model.surround.background import Background
+from neural_strands.model.surround.body import Body, SurroundConfig
 from neural_strands.model.unet import UNet, UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig, rasterise_lines

@@ -6,7 +6,7 @@ evenly from all directions. It loses a share at every fibre that it crosses, as 
 2008, and the head blocks it.
 
 Skin beneath hair is a special case: photographs do not show it. Once hair no longer covers it, it takes the colour of
-the skin around it, in the light that reaches it now (`model.hidden_skin`).
+the skin around it, in the light that reaches it now (`model.surround.hidden_skin`).
 """
 
 import itertools
@@ -21,9 +21,9 @@ from neural_strands.geometry.mesh import Mesh, vertex_normals
 from neural_strands.geometry.resample import interpolate_evenly
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.voxel_grid import VoxelGrid
-from neural_strands.model.compositing import SkinChange
 from neural_strands.model.hair_volume import HairVolume
-from neural_strands.model.hidden_skin import extend_over_mesh, known_share
+from neural_strands.model.surround.body import SkinChange
+from neural_strands.model.surround.hidden_skin import extend_over_mesh, known_share
 
 LOST = 0.3
 """Share of the light lost at each fibre; the rest is scattered forwards."""

@@ -15,10 +15,10 @@ from neural_strands.cli.commands.render import picture_name
 from neural_strands.cli.main import main
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.turntable import turntable_cameras
-from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.surround.body import SurroundConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.scalp.roots import Roots

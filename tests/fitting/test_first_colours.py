@@ -18,9 +18,9 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
-from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.surround.body import SurroundConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.face_atlas import FaceAtlas

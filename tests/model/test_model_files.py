@@ -12,10 +12,10 @@ from safetensors.torch import load_file, save_file
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.files import load_hair_model, save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.surround.body import SurroundConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.scalp.roots import Roots

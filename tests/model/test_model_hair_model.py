@@ -15,8 +15,6 @@ from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
 from neural_strands.model import hair_model
 from neural_strands.model.compositing import (
-    START,
-    SurroundConfig,
     between_lines,
     filled_from_coarser,
     hair_rectangle,
@@ -31,6 +29,7 @@ from neural_strands.model.hair_model import (
     HairModelConfig,
 )
 from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.surround.body import START, SurroundConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig

@@ -10,10 +10,10 @@ from torch.nn.functional import normalize
 from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands, directions
-from neural_strands.model.compositing import SkinChange
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.light import LightChange
+from neural_strands.model.surround.body import SkinChange
 from neural_strands.raster.splat import splat_pyramid
 
 

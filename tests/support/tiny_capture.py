@@ -17,9 +17,9 @@ from neural_strands.flow.hair_flow import InitialConfig
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.strands import directions
-from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.hair_model import HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.surround.body import SurroundConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles

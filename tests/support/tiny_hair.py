@@ -5,9 +5,9 @@ import trimesh
 
 from neural_strands.geometry.frames import orthonormal_frames
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.model.compositing import SurroundConfig
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.model.scalp_textures import ScalpTextureConfig
+from neural_strands.model.surround.body import SurroundConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.vae import load_prior
 from neural_strands.raster.lines import LineConfig

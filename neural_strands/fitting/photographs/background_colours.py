@@ -10,7 +10,7 @@ from torch.nn import functional as F
 from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.foundation.srgb import to_linear
 from neural_strands.geometry.views import View
-from neural_strands.model.background import Background, blurred_around, sample_around, sample_wrapped, wrapped
+from neural_strands.model.surround.background import Background, blurred_around, sample_around, sample_wrapped, wrapped
 
 ROWS = 96
 """Directions from pole to pole in which colours are continued; twice as many around."""

@@ -16,8 +16,14 @@ from torch.nn import functional as F
 
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.views import View
-from neural_strands.model.background import blurred_around, equirectangular, followed_rays, sphere_directions, wrapped
 from neural_strands.model.compositing import area_mean
+from neural_strands.model.surround.background import (
+    blurred_around,
+    equirectangular,
+    followed_rays,
+    sphere_directions,
+    wrapped,
+)
 
 NEAREST, FARTHEST, RADII = 0.4, 30.0, 28
 """Radii of the spheres: between these, in metres, and so many, evenly spaced in their inverses."""

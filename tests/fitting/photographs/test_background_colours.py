@@ -6,8 +6,8 @@ import torch
 from neural_strands.fitting.photographs.background_colours import AROUND, background_colours, continued
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import View
-from neural_strands.model.background import Background
-from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.surround.background import Background
+from neural_strands.model.surround.body import SurroundConfig
 
 RED, BLUE = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.9])
 

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from neural_strands.geometry.cameras import Camera
-from neural_strands.model.compositing import START, SurroundConfig
+from neural_strands.model.surround.body import START, SurroundConfig
 from neural_strands.raster.texture import blur_texture, sample_picture
 
 STEPS = 8

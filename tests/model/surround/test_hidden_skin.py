@@ -5,7 +5,7 @@ import torch
 from scipy.spatial import Delaunay
 
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.model.hidden_skin import HELD, HIDDEN, MEAN, SEEN, extend_over_mesh, known_share
+from neural_strands.model.surround.hidden_skin import HELD, HIDDEN, MEAN, SEEN, extend_over_mesh, known_share
 
 
 def patch(count=60, seed=0):

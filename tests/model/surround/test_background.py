@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
-from neural_strands.model.background import (
+from neural_strands.model.surround.background import (
     ENDLESS,
     SPARSE,
     Background,
@@ -18,7 +18,7 @@ from neural_strands.model.background import (
     shell_distances,
     wrapped,
 )
-from neural_strands.model.compositing import SurroundConfig
+from neural_strands.model.surround.body import SurroundConfig
 
 ROWS = 180
 
@@ -99,7 +99,7 @@ def test_lengths_between_sparse_rays_are_those_of_every_ray(monkeypatch: pytest.
     camera = Camera.look_at(torch.tensor([0.2, 0.1, 0.5]), torch.tensor([0.0, 0.0, -1.0]), 200.0, (131, 70))
     sparse = shell_distances(camera.position, camera.ray_planes(), nearness)
     assert SPARSE > 1
-    monkeypatch.setattr("neural_strands.model.background.SPARSE", 1)
+    monkeypatch.setattr("neural_strands.model.surround.background.SPARSE", 1)
     torch.testing.assert_close(
         sparse, shell_distances(camera.position, camera.ray_planes(), nearness), rtol=2e-3, atol=0
     )
