@@ -3,9 +3,9 @@
     python benchmarks/quality/appearance.py --capture ../shared/data/captures/sintel_bob --out appearance
 
 Every fifth view is held out. The fitted renderer is compared with two baselines that get the same strands and
-photographs: one colour per strand, splatted; and the nearest training view, warped by the geometry. Prints one JSON
-object, and writes pictures (rendered, photographed, and the two baselines side by side) and the fitted model under
---out.
+photographs: one colour per strand, splatted; and the nearest training view, warped by the geometry. Its pictures are
+compared with grain, as by `evaluate`, and without. Prints one JSON object, and writes pictures (rendered without grain,
+photographed, and the two baselines side by side) and the fitted model under --out.
 """
 
 import json
@@ -46,6 +46,7 @@ from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.splat import splat
 from neural_strands.raster.visible import visible_points
+from neural_strands.runs.evaluate import GRAIN
 from neural_strands.scalp.roots import attach_roots
 
 
@@ -154,6 +155,11 @@ def warped_neighbour(model: HairModel, strands: Strands, camera: Camera, targets
     return F.grid_sample(image, grid[None], padding_mode="border", align_corners=False)[0].permute(1, 2, 0)
 
 
+def grainy(renderer: HairRenderer, target: View) -> torch.Tensor:
+    """The picture that is compared with a photograph."""
+    return renderer.with_grain(renderer.render(target.camera), GRAIN).rgb
+
+
 def scores(image: torch.Tensor, target: View, lpips: Lpips | None) -> list[float]:
     """PSNR, SSIM and LPIPS in the hair region."""
     if target.hair_mask is None:
@@ -189,7 +195,7 @@ def main(arguments: Arguments) -> None:
         if state.step % arguments.report_every == 0:
             with torch.no_grad():
                 renderer = HairRenderer.of(model, strands)
-                now = [scores(renderer.render(target.camera).rgb, target, lpips) for target in held[1::3]]
+                now = [scores(grainy(renderer, target), target, lpips) for target in held[1::3]]
             elapsed = (time.perf_counter() - begin) / 60
             loss = sum(figures[name] for name in ("render", "perceptual", "alpha"))
             sys.stderr.write(f"step {state.step}, {elapsed:.1f} min: loss {loss:.4f}, held out {summary(now)}\n")
@@ -199,7 +205,7 @@ def main(arguments: Arguments) -> None:
     data = gather_fit_data(capture, head, strand_segments(strands), config, torch.device("cpu"))
     fit(state, data, config, lpips, after_step=report)
     seconds = time.perf_counter() - begin
-    rows: dict[str, list[list[float]]] = {name: [] for name in ("model", "strand_colour", "warp")}
+    rows: dict[str, list[list[float]]] = {name: [] for name in ("model", "without_grain", "strand_colour", "warp")}
     save_hair_model(model, arguments.out / "model", {"benchmark": "appearance"})
     with torch.no_grad():
         colours = known_colours(model, strands, train)
@@ -207,15 +213,17 @@ def main(arguments: Arguments) -> None:
         for target in held:
             output = renderer.render(target.camera)
             pictures = {
-                "model": output.rgb,
+                "model": renderer.with_grain(output, GRAIN).rgb,
+                "without_grain": output.rgb,
                 "strand_colour": one_colour_a_strand(model, strands, colours, target.camera, output.behind_rgb),
                 "warp": warped_neighbour(model, strands, target.camera, train),
             }
             for name, picture in pictures.items():
                 rows[name].append(scores(picture, target, lpips))
-            row = torch.cat([pictures["model"], target.image, pictures["strand_colour"], pictures["warp"]], dim=1)
+            baselines = (pictures["strand_colour"], pictures["warp"])
+            row = torch.cat([output.rgb, target.image, *baselines], dim=1)
             write_png((arguments.out / target.camera.name).with_suffix(".png"), row)
-        trained = [scores(renderer.render(target.camera).rgb, target, lpips) for target in train[::5]]
+        trained = [scores(grainy(renderer, target), target, lpips) for target in train[::5]]
     figures = {
         "capture": capture.folder.name,
         "views": {"train": len(train), "held_out": len(held)},

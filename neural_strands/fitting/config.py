@@ -69,6 +69,8 @@ class FitRates:
     """Z_a."""
     network: Annotated[float, Between(0, 10)] = 2e-3
     """Weights of the UNet and the point shader."""
+    grain: Annotated[float, Between(0, 10)] = 6e-2
+    """Strength of the grain."""
     surround: Annotated[float, Between(0, 10)] = 1e-4
     """Colours of the body. They start in closed form, and at a higher rate they gather noise."""
 

@@ -88,6 +88,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
         {"params": [model.textures.appearance], "lr": rates.appearance, "rate": rates.appearance},
         {"params": networks(model), "lr": rates.network, "rate": rates.network},
         {"params": [model.body.colour], "lr": rates.surround, "rate": rates.surround},
+        {"params": list(model.grain.parameters()), "lr": rates.grain, "rate": rates.grain},
     ]
     on_cpu = model.root_uv.device.type == "cpu"
     # Texels seen by only a few pixels have gradients far below Adam's usual epsilon. One pass over the memory is many
@@ -272,7 +273,9 @@ def _image_part(
             "alpha": weights.alpha * alpha_loss(inner(output.alpha), inner(trimap.alpha), inner(trimap.supervised)),
         }
         if perceptual is not None:
-            parts["perceptual"] = weights.render * weights.perceptual * perceptual(image, photograph)
+            # Without grain, the generator would have to imitate the photographs' noise.
+            grainy = inner(model.with_grain(output, random).rgb)
+            parts["perceptual"] = weights.render * weights.perceptual * perceptual(grainy, photograph)
         (sum(parts.values(), torch.zeros((), device=points.device)) / config.views_per_step).backward()
         for name, value in parts.items():
             sums[name] = sums[name] + value.detach() / config.views_per_step

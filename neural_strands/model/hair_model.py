@@ -30,6 +30,7 @@ from neural_strands.model.compositing import (
     surrounding_odds,
     weighted_gradient,
 )
+from neural_strands.model.grain import Grain
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import LightChange
 from neural_strands.model.outputs import Drawing, HairImage, RenderOutput
@@ -126,6 +127,7 @@ class HairModel(nn.Module):
         self.generator = generator.requires_grad_(False)
         self.unet = UNet(config.descriptor_channels, config.unet, random)
         self.shading = PointShading(config.textures.appearance_channels, config.shading, random)
+        self.grain = Grain()
         self.body = Body(body, config.surround)
         everything = torch.cat([roots.position, body.vertices]).float()
         centre = everything.mean(dim=0) if len(everything) else torch.zeros(3)
@@ -212,6 +214,18 @@ class HairModel(nn.Module):
         behind = skin + (1 - share) * self.background(camera)
         rgb = to_srgb(compose(hair.rgb, alpha, behind))
         return RenderOutput(rgb, alpha, hair.rgb, behind, hair.coverage, lines, seen.depth, hair.visible.found)
+
+    def with_grain(self, output: RenderOutput, random: torch.Generator, strength: float = 1.0) -> RenderOutput:
+        """A rendered view with grain over its hair, as strong as that of the photographs.
+
+        Args:
+            output: what `render` returned.
+            random: draws the grain; a generator on the CPU.
+            strength: factor on the amplitude of the grain.
+        """
+        encoded = to_srgb(output.hair_rgb)
+        hair = to_linear(encoded + strength * self.grain(encoded, random))
+        return replace(output, rgb=to_srgb(compose(hair, output.alpha, output.behind_rgb)), hair_rgb=hair)
 
     def render_hair(
         self,

@@ -102,6 +102,17 @@ class HairRenderer:
         )
 
     @torch.no_grad()
+    def with_grain(self, output: RenderOutput, strength: float = 1.0, seed: int = 0) -> RenderOutput:
+        """A rendered view with the photographs' grain over its hair.
+
+        Args:
+            output: what `render` returned.
+            strength: factor on the amplitude of the grain.
+            seed: of the noise, which is the same on every device; frames of a video need seeds of their own.
+        """
+        return self.model.with_grain(output, torch.Generator().manual_seed(seed), strength)
+
+    @torch.no_grad()
     def render_hair(self, camera: Camera) -> HairImage:
         """Render the hair alone, without what lies behind it.
 

@@ -28,13 +28,18 @@ from neural_strands.evaluation.view_quality import RenderedView, ViewQuality, me
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.precision import exact_convolutions
 from neural_strands.geometry.line_segments import LineSegments
-from neural_strands.geometry.views import Views
+from neural_strands.geometry.views import View, Views
 from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
+from neural_strands.model.outputs import RenderOutput
 from neural_strands.model.renderer import HairRenderer
 from neural_strands.runs.outputs import strands_unseen
 from neural_strands.runs.run_folder import RunFolder, fingerprint, found_again, read_description
 from neural_strands.scalp.head import Head
+
+GRAIN = 0.75
+"""Strength of the grain in pictures that are compared with photographs: more of it brings LPIPS closer, but PSNR, SSIM
+and FLIP farther, because grain never matches the photograph's pixel by pixel."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,8 @@ class Evaluation:
         segment_count: number of segments.
         lengths: lengths of the strands against the true ones, if there are true ones that grow from the same roots.
         head_fit: position of the strands relative to the head.
-        views: held-out views, or training views if none was held out.
+        views: held-out views, or training views if none was held out, with grain over the hair.
+        clean: the same views without grain, as `render` and the viewer show them.
         held_out: whether `views` were held out.
         in_views: agreement of the drawn strands with the photographs of `views`, which needs no ground truth.
         unseen: percentage of strands of which more than half was visible in no photograph.
@@ -64,6 +70,7 @@ class Evaluation:
     lengths: LengthAgreement | None
     head_fit: HeadFit | None
     views: list[ViewQuality]
+    clean: list[ViewQuality]
     held_out: bool
     in_views: tuple[StrandsInView, ...]
     unseen: float
@@ -73,7 +80,7 @@ class Evaluation:
 
     def as_dict(self) -> dict[str, Any]:
         """The figures that `--json` prints: percent, dB, milliseconds, metres."""
-        means = mean_quality(self.views).as_dict()
+        means, clean = mean_quality(self.views).as_dict(), mean_quality(self.clean).as_dict()
         hair = means["hair"] or {"psnr": None, "ssim": None, "lpips": None}
         result: dict[str, Any] = {
             "held_out_views": {
@@ -83,6 +90,7 @@ class Evaluation:
                 "psnr_at_exposure": mean_matched_psnr([each.view for each in self.views]),
                 "image": means["image"],
                 "alpha": means["alpha"],
+                "without_grain": {name: clean[name] for name in ("hair", "image")},
                 "lpips_note": self.lpips_note,
             },
             "strands_in_views_percent": mean_strands_in_view(self.in_views).as_dict(),
@@ -167,7 +175,11 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
     metric, absent = find_lpips(TRAINING_NETWORK, device)
     photographs = run.capture.views_on(device)
     in_views: list[StrandsInView] = []
-    views = view_qualities(_rendered_views(run, photographs, in_views), metric)
+    clean: list[ViewQuality] = []
+    views: list[ViewQuality] = []
+    for plain, grainy in _rendered_views(run, photographs, in_views):
+        clean += view_qualities([plain], metric)
+        views += view_qualities([grainy], metric)
     camera = photographs.cameras[run.shown[0]]
     with torch.no_grad():
         decode = time_function(run.renderer.model.decode, device, runs=3)
@@ -180,6 +192,7 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
         lengths=lengths,
         head_fit=fit_to_head(mine, run.head.mesh, run.head.scalp_faces),
         views=views,
+        clean=clean,
         held_out=run.held_out,
         in_views=tuple(in_views),
         unseen=_unseen_percent(run, photographs),
@@ -189,8 +202,10 @@ def evaluate_run(run: RunContents, device: torch.device) -> Evaluation:
     )
 
 
-def _rendered_views(run: RunContents, photographs: Views, in_views: list[StrandsInView]) -> Iterator[RenderedView]:
-    """Render each evaluated view, and yield it with its photograph.
+def _rendered_views(
+    run: RunContents, photographs: Views, in_views: list[StrandsInView]
+) -> Iterator[tuple[RenderedView, RenderedView]]:
+    """Render each evaluated view, and yield it without and with grain, both with the photograph.
 
     Also appends the agreement of its strands with the photograph to `in_views`.
     """
@@ -200,7 +215,13 @@ def _rendered_views(run: RunContents, photographs: Views, in_views: list[Strands
         with exact_convolutions():
             output = renderer.render(view.camera)
         in_views.append(strands_in_view(output.lines, run.renderer.strands.points, output.alpha, view))
-        yield RenderedView(view.camera.name, output.rgb.clamp(0, 1), view.image, view.hair_mask, output.alpha)
+        grainy = renderer.with_grain(output, GRAIN, seed=index)
+        yield _compared(output, view), _compared(grainy, view)
+
+
+def _compared(output: RenderOutput, view: View) -> RenderedView:
+    """A rendering beside its photograph."""
+    return RenderedView(view.camera.name, output.rgb.clamp(0, 1), view.image, view.hair_mask, output.alpha)
 
 
 def _in_float32(renderer: HairRenderer) -> HairRenderer:

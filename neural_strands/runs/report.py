@@ -16,7 +16,7 @@ from neural_strands.pictures.encoding import encode_png, encode_webp, write_png
 from neural_strands.pictures.fields import difference_picture
 from neural_strands.pictures.lines import lines_over_photograph, lines_picture
 from neural_strands.pictures.plots import curves_plot
-from neural_strands.runs.evaluate import Evaluation, RunContents
+from neural_strands.runs.evaluate import GRAIN, Evaluation, RunContents
 from neural_strands.runs.run_folder import read_description
 from neural_strands.runs.run_log import loss_label, read_losses
 
@@ -72,7 +72,7 @@ def _summary(run: RunContents, result: Evaluation) -> Float[Tensor, "height widt
     place = len(result.views) - 1
     camera = run.capture.cameras[run.shown[place]].to(run.renderer.strands.points.device)
     strands = lines_picture(run.renderer.strands.points, camera, run.head.mesh).cpu()
-    view = result.views[place].view
+    view = result.clean[place].view
     return torch.cat([view.photograph, strands, view.rendered], dim=1)
 
 
@@ -109,9 +109,17 @@ def _cells(scores: tuple[GeometryScore, ...]) -> tuple[str, ...]:
 
 def _images_table(result: Evaluation) -> Table:
     rows = [(f"view {each.view.name}", *each.quality.cells()) for each in result.views]
-    rows += [("mean", *mean_quality(result.views).cells()), PAPER_IMAGES]
+    rows += [
+        ("mean", *mean_quality(result.views).cells()),
+        ("mean without grain", *mean_quality(result.clean).cells()),
+        PAPER_IMAGES,
+    ]
     title = "Held-out views" if result.held_out else "Training views (none was held out)"
-    return Table(title, ("", *HEADS), tuple(rows), result.lpips_note)
+    note = (
+        f"Pictures are compared with {100 * GRAIN:.0f} % of the photographs' grain over the hair, except in the row "
+        "without grain, which is what one sees elsewhere."
+    )
+    return Table(title, ("", *HEADS), tuple(rows), f"{note} {result.lpips_note}".strip())
 
 
 def _strands_table(result: Evaluation) -> Table:
@@ -138,7 +146,7 @@ def _time_table(result: Evaluation) -> Table:
 
 def _views_gallery(result: Evaluation) -> Gallery:
     pictures: list[tuple[str, bytes]] = []
-    for view in (each.view for each in result.views[:MOST_VIEWS]):
+    for view in (each.view for each in result.clean[:MOST_VIEWS]):
         pictures += [
             (f"rendering of {view.name}", encode_png(view.rendered)),
             ("photograph", encode_png(view.photograph)),

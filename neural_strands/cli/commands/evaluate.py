@@ -24,16 +24,17 @@ class Evaluate:
     strands, and of the segments of lmvs), strand_lengths (against the true ones: median and 95th percentile, metres,
     and their ratios, of the strands that grow within 4 mm of a true root), held_out_views (psnr in dB, ssim and lpips
     in the hair region; "psnr_at_exposure", after a gain per channel that is estimated outside the hair; the same under
-    "image" for the whole image; the error of the "alpha" map; "lpips_note", if LPIPS is absent or also a training
-    loss), strands_in_views_percent (for the same views: "direction", drawn strands within 20 degrees of the
-    photograph's streaks, hair "on_background", and "mask_on_background", the same share of the hair masks themselves),
-    unseen_strands_percent, milliseconds, inside_head_percent."""
+    "image" for the whole image; the error of the "alpha" map; these are of pictures with grain over the hair like the
+    photographs', the figures under "without_grain" of pictures as `render` shows them; "lpips_note", if LPIPS is absent
+    or also a training loss), strands_in_views_percent (for the same views: "direction", drawn strands within 20 degrees
+    of the photograph's streaks, hair "on_background", and "mask_on_background", the same share of the hair masks
+    themselves), unseen_strands_percent, milliseconds, inside_head_percent."""
 
     def run(self) -> None:
         """Evaluate, write, print."""
         from neural_strands.evaluation.strands_in_view import HEADS as STRAND_HEADS
         from neural_strands.evaluation.strands_in_view import mean_strands_in_view
-        from neural_strands.evaluation.view_quality import HEADS, mean_quality
+        from neural_strands.evaluation.view_quality import HEADS, MEASURES, mean_quality
         from neural_strands.runs.evaluate import evaluate_run, open_run
         from neural_strands.runs.report import write_report
 
@@ -56,6 +57,9 @@ class Evaluate:
         views = f"{len(result.views)} views, {'held out' if result.held_out else 'none held out: seen in training'}"
         sys.stdout.write(f"mean of {views}\n")
         for head, cell in zip(HEADS, mean_quality(result.views).cells(), strict=True):
+            sys.stdout.write(f"views    {head:16} {cell:>8}\n")
+        sys.stdout.write("the same without grain over the hair\n")
+        for head, cell in zip(HEADS[: len(MEASURES)], mean_quality(result.clean).cells(), strict=False):
             sys.stdout.write(f"views    {head:16} {cell:>8}\n")
         for head, cell in zip(STRAND_HEADS, mean_strands_in_view(result.in_views).cells(), strict=True):
             sys.stdout.write(f"strands  {head:16} {cell:>8}\n")

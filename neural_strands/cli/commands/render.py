@@ -64,6 +64,8 @@ class Render:
     """Only the hair, with its opacity in the alpha channel, instead of hair over body and background."""
     points: Annotated[int, Between(2, MOST_POINTS)] | None = None
     """Points per strand. Default: those of the model."""
+    grain: Annotated[float, Between(0.0, 10.0)] = 0.0
+    """Strength of the photographs' noise over the hair: 0 leaves it out, 1 draws as much as the photographs have."""
     fps: Annotated[float, Between(1.0, 240.0)] = 30.0
     """Frames per second of a video; hair in the wind uses those of the wind."""
     device: DeviceName = "auto"
@@ -85,11 +87,13 @@ class Render:
             strands = self._strands(opened)
             cameras = self._cameras(strands)
             motion = hair_motion(replace(opened.hair, strands=strands), opened.edits)
-            frames = _frames(self._renderer(opened, strands), cameras, motion)
+            renderer = self._renderer(opened, strands)
+            frames = _frames(renderer, cameras, motion)
             count = len(cameras) if motion is None else motion.wind.frames
             with self._writer(cameras[0], self.fps if motion is None else motion.wind.fps) as write:
-                for name, output in track(frames, "rendering", total=count):
-                    write(name, self._frame(output))
+                for index, (name, output) in enumerate(track(frames, "rendering", total=count)):
+                    drawn = renderer.with_grain(output, self.grain, seed=index) if self.grain else output
+                    write(name, self._frame(drawn))
         result = {
             "frames": count,
             "seconds": round(time.perf_counter() - begin, 2),

@@ -1,0 +1,66 @@
+"""Grain: noise over the hair like that of the photographs, which a fit learns apart from the hair.
+
+Photographs have noise: a camera's, or that of a path tracer. LPIPS tells a noisy photograph from a clean picture, so
+an image generator that is trained with it imitates noise by a weave over the strands. Therefore LPIPS sees pictures
+with grain, the squared error sees pictures without it, and so do people, unless they ask for grain.
+
+As in film grain synthesis for video (Norkin and Birkbeck 2018), the strength of the grain is a curve over the
+brightness of the picture below it.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional
+
+from neural_strands.foundation.devices.transfers import sent
+
+KNOTS = 5
+"""Brightnesses, from black to white, at which the strength of the grain is learned."""
+SCALE = 0.05
+"""Amplitude of the grain, in encoded colours, where the softplus of what is learned is 1."""
+SOFT = 0.8
+"""Standard deviation, in pixels, of the blur of the softer of two kinds of noise; the other is white."""
+REACH = 3
+"""Pixels on each side that this blur reads."""
+
+
+class Grain(nn.Module):
+    """Strength of grain: white and soft, grey and coloured, each a curve over brightness."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        # Brightnesses that no pixel has follow the others through `level`.
+        self.level = nn.Parameter(torch.zeros(2, 2, 1))
+        self.curve = nn.Parameter(torch.zeros(2, 2, KNOTS))
+
+    def amplitudes(self) -> Float[Tensor, "softness=2 colour=2 knot"]:
+        """Standard deviation of the grain at every knot, sRGB-encoded: white then soft, grey then coloured."""
+        return SCALE * functional.softplus(self.level + self.curve)
+
+    def forward(self, rgb: Float[Tensor, "height width 3"], random: torch.Generator) -> Float[Tensor, "height width 3"]:
+        """Draw grain for a picture; only the strength of the grain has a gradient.
+
+        Args:
+            rgb: sRGB-encoded.
+            random: a generator on the CPU, so that every device draws the same grain.
+        """
+        height, width, _ = rgb.shape
+        drawn = torch.randn(2, 4, height + 2 * REACH, width + 2 * REACH, generator=random)
+        drawn = sent(drawn, rgb.device)
+        inner = slice(REACH, -REACH)
+        noise = torch.stack([drawn[0, :, inner, inner], _softened(drawn[1])]).to(rgb)
+        place = rgb.detach().mean(dim=2).clamp(0, 1) * (KNOTS - 1)
+        below = place.long().clamp(max=KNOTS - 2)
+        table = self.amplitudes()
+        grey, coloured = torch.lerp(table[..., below], table[..., below + 1], place - below).unbind(dim=1)
+        return (grey[:, None] * noise[:, :1] + coloured[:, None] * noise[:, 1:]).sum(dim=0).permute(1, 2, 0)
+
+
+def _softened(noise: Float[Tensor, "channel height width"]) -> Float[Tensor, "channel inner_height inner_width"]:
+    """White noise after a Gaussian blur, again of variance 1; smaller by `REACH` on each side."""
+    offset = torch.arange(-REACH, REACH + 1, dtype=noise.dtype, device=noise.device)
+    weight = torch.exp(-0.5 * (offset / SOFT) ** 2)
+    weight = weight / weight.norm()
+    rows = functional.conv2d(noise[:, None], weight[None, None, :, None])
+    return functional.conv2d(rows, weight[None, None, None])[:, 0]
