@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import shutil
 import zipfile
 from contextlib import contextmanager
@@ -90,6 +91,12 @@ def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
     assert strands == ["mean", *(f"{value:.1f}" for value in in_views.values())]
     mean = read.tables["Held-out views"][2]
     assert mean[:2] == ["mean", f"{figures['held_out_views']['psnr']:.2f}"]
+    clean = figures["held_out_views"]["without_grain"]
+    assert read.tables["Held-out views"][3][:2] == ["mean without grain", f"{clean['hair']['psnr']:.2f}"]
+    assert clean["hair"]["psnr"] > figures["held_out_views"]["psnr"]
+    rendering = torch.from_numpy(shown["rendering of 004.png"].copy()).double()
+    error = (rendering - torch.from_numpy(photograph.copy()).double()).square().mean() / 255**2
+    assert -10 * math.log10(error) == pytest.approx(clean["image"]["psnr"], abs=0.1)
     geometry = read.tables["Geometry compared with the true strands"]
     assert [row[0] for row in geometry[1:3]] == ["400 line segments (LMVS)", "200 fitted strands"]
     assert main(["evaluate", str(run)]) == 0

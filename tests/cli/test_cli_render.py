@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from full_disk import smallest_files
+from PIL import Image
 
 from neural_strands.cli.commands.render import picture_name
 from neural_strands.cli.main import main
@@ -57,6 +58,26 @@ def test_given_cameras_give_images_of_their_names_and_sizes(saved, tmp_path, cap
     assert sorted(path.name for path in out.iterdir()) == ["left.png", "render.json"]
     picture = cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (20, 31, 3)
+
+
+def test_grain_is_drawn_over_the_hair_when_asked_for_the_same_in_every_run(saved, tmp_path):
+    """Every frame has grain of its own; what is not hair stays as it was."""
+    pictures = {}
+    for name, more in (("clean", []), ("grainy", ["--grain", "1"]), ("again", ["--grain", "1"])):
+        out = tmp_path / name
+        assert main(["render", str(saved), "--turntable", "2", "--size", "40", "30", "--out", str(out), *more]) == 0
+        frames = sorted(out.glob("*.png"))
+        pictures[name] = np.stack([np.asarray(Image.open(frame)) for frame in frames]).astype(float)
+    assert np.array_equal(pictures["grainy"], pictures["again"])
+    change = pictures["grainy"] - pictures["clean"]
+    opacity = tmp_path / "alpha"
+    assert main(["render", str(saved), "--turntable", "2", "--size", "40", "30", "--alpha", "--out", str(opacity)]) == 0
+    alpha = np.stack([np.asarray(Image.open(frame))[..., 3] for frame in sorted(opacity.glob("*.png"))])
+    bare = alpha <= 2
+    assert bare.any()
+    assert np.abs(change[bare]).max() <= 1
+    assert change[alpha > 200].std() > 2
+    assert not np.array_equal(change[0], change[1])
 
 
 def test_frames_of_the_same_name_in_six_folders_give_six_pictures(saved, tmp_path, capsys):

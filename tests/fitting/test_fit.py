@@ -89,6 +89,37 @@ def test_given_strands_stay_while_their_appearance_is_learned(scene):
     assert sum(losses[-10:]) < 0.6 * sum(losses[:10])
 
 
+@pytest.mark.parametrize("amplitude", [-30.0, 5.0])
+def test_the_perceptual_loss_sees_grain_and_the_squared_error_does_not(scene, amplitude):
+    schedule = ScheduleConfig(geometry_only=0.0, perceptual_from=0.0)
+    config = tiny_config(steps=1, shape_every=0, schedule=schedule)
+    rows, pictures = [], []
+
+    def perceptual(image, photograph):
+        pictures.append(image.detach())
+        return (image - photograph).abs().mean()
+
+    for level in (-30.0, amplitude):
+        state, data = begin_tiny(scene, config)
+        with torch.no_grad():
+            state.model.grain.level.fill_(level)
+        before = state.model.grain.amplitudes().detach()
+        fit(state, data, config, perceptual, after_step=lambda _, figures: rows.append(figures))
+        assert torch.equal(state.model.grain.amplitudes(), before) == (level == -30.0)
+    none, some = rows
+    assert some["render"] == none["render"]
+    assert (some["perceptual"] > none["perceptual"]) == (amplitude > 0)
+    assert torch.equal(*pictures) == (amplitude < 0)
+
+
+def test_without_a_perceptual_loss_the_strength_of_grain_is_not_learned(scene):
+    config = tiny_config(steps=3, shape_every=0, schedule=ScheduleConfig(geometry_only=0.0))
+    state, data = begin_tiny(scene, config)
+    before = state.model.grain.amplitudes().detach()
+    fit(state, data, config)
+    assert torch.equal(state.model.grain.amplitudes(), before)
+
+
 def test_every_fifth_view_is_held_out(scene):
     capture, _, _ = scene
     config = tiny_config()
