@@ -50,10 +50,10 @@ class Grain(nn.Module):
         drawn = sent(drawn, rgb.device)
         inner = slice(REACH, -REACH)
         noise = torch.stack([drawn[0, :, inner, inner], _softened(drawn[1])]).to(rgb)
-        place = rgb.detach().mean(dim=2).clamp(0, 1) * (KNOTS - 1)
-        below = place.long().clamp(max=KNOTS - 2)
-        table = self.amplitudes()
-        grey, coloured = torch.lerp(table[..., below], table[..., below + 1], place - below).unbind(dim=1)
+        place = rgb.detach().mean(dim=2, keepdim=True).clamp(0, 1) * (KNOTS - 1)
+        # Linear interpolation as a product: the gradient of a gather would be a sum in no fixed order.
+        share = (1 - (place - torch.arange(KNOTS, device=rgb.device)).abs()).clamp(min=0)
+        grey, coloured = torch.einsum("hwk,sck->schw", share, self.amplitudes()).unbind(dim=1)
         return (grey[:, None] * noise[:, :1] + coloured[:, None] * noise[:, 1:]).sum(dim=0).permute(1, 2, 0)
 
 
