@@ -29,8 +29,8 @@ from neural_strands.evaluation.view_quality import RenderedView, mean_quality, v
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.signed_distance import SignedDistanceIndex
 from neural_strands.geometry.strands import Strands
-from neural_strands.lmvs.orientation import gaussian_blur
 from neural_strands.model.compositing import area_mean
+from neural_strands.raster.gaussian_blur import gaussian_blur
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles
 

@@ -24,8 +24,8 @@ from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh, face_areas
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.views import View
-from neural_strands.lmvs.orientation import gaussian_blur
 from neural_strands.pictures.encoding import to_bytes
+from neural_strands.raster.gaussian_blur import gaussian_blur
 from neural_strands.raster.triangles import rasterise_triangles
 
 FINER = 3

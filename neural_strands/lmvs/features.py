@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
-from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, luma, orientation_map
+from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, luma, orientation_map
+from neural_strands.raster.gaussian_blur import gaussian_blur
 
 LEAST_COHERENCE = 0.12
 """A neighbourhood whose mean confidence of orientation is lower is not hair."""

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.configs import Between
+from neural_strands.raster.gaussian_blur import gaussian_blur
 
 LUMA = (0.299, 0.587, 0.114)
 """Rec. 601 weights of red, green and blue."""
@@ -78,27 +79,6 @@ def orientation_map(brightness: Float[Tensor, "height width"], config: Orientati
             response = torch.fft.ifft2(spectrum * bank[k])[margin : margin + height, margin : margin + width]
             energy[k] += response.abs()
     return _peak(gaussian_blur(energy, config.window))
-
-
-def gaussian_blur(image: Float[Tensor, "*batch height width"], sigma: float) -> Float[Tensor, "*batch height width"]:
-    """Blur with a Gaussian of standard deviation `sigma` pixels, repeating the border."""
-    radius = math.ceil(3 * sigma)
-    if radius == 0:
-        return image
-    steps = torch.arange(-radius, radius + 1, dtype=torch.float64)
-    kernel = torch.exp(-0.5 * (steps / sigma) ** 2)
-    weights = (kernel / kernel.sum()).tolist()
-    height, width = image.shape[-2:]
-    flat = image.reshape(-1, 1, height, width)
-    padded = torch.nn.functional.pad(flat, (radius, radius, radius, radius), mode="replicate")
-    # Shifted images are summed because torch's CPU convolution of one channel is several times slower.
-    rows = padded[..., :width] * weights[0]
-    for shift, weight in enumerate(weights[1:], start=1):
-        rows.add_(padded[..., shift : shift + width], alpha=weight)
-    blurred = rows[..., :height, :] * weights[0]
-    for shift, weight in enumerate(weights[1:], start=1):
-        blurred.add_(rows[..., shift : shift + height, :], alpha=weight)
-    return blurred.view(image.shape)
 
 
 def angle_difference(first: Float[Tensor, "*batch"], second: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:

@@ -20,8 +20,8 @@ from neural_strands.foundation.configs import Between
 from neural_strands.lmvs.features import Features, ray_angle
 from neural_strands.lmvs.kernels import patchmatch as patchmatch_kernels
 from neural_strands.lmvs.kernels.ribbons import MOST_NEIGHBOURS, MOST_SAMPLES, Patch
-from neural_strands.lmvs.orientation import gaussian_blur
 from neural_strands.lmvs.search_range import Bounds
+from neural_strands.raster.gaussian_blur import gaussian_blur
 
 CROSS = ((0, -1), (0, 1), (-1, 0), (1, 0))
 """Nearest neighbours of a pixel, all of the other colour (red-black), in steps of the level."""

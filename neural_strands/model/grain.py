@@ -1,12 +1,14 @@
 """Grain: noise over the hair like that of the photographs, which a fit learns apart from the hair.
 
 Photographs have noise: a camera's, or that of a path tracer. LPIPS tells a noisy photograph from a clean picture, so
-an image generator that is trained with it imitates noise by a weave over the strands. Therefore LPIPS sees pictures
-with grain, the squared error sees pictures without it, and so do people, unless they ask for grain.
+an image generator that is trained with it imitates noise by a weave over the strands. Therefore LPIPS compares pictures
+with grain, and the squared error compares pictures without it. People see none, unless they ask for it.
 
 As in film grain synthesis for video (Norkin and Birkbeck 2018), the strength of the grain is a curve over the
 brightness of the picture below it.
 """
+
+import math
 
 import torch
 from jaxtyping import Float
@@ -14,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from neural_strands.foundation.devices.transfers import sent
+from neural_strands.raster.gaussian_blur import gaussian_blur
 
 KNOTS = 5
 """Brightnesses, from black to white, at which the strength of the grain is learned."""
@@ -46,21 +49,13 @@ class Grain(nn.Module):
             random: a generator on the CPU, so that every device draws the same grain.
         """
         height, width, _ = rgb.shape
-        drawn = torch.randn(2, 4, height + 2 * REACH, width + 2 * REACH, generator=random)
-        drawn = sent(drawn, rgb.device)
+        drawn = sent(torch.randn(2, 4, height + 2 * REACH, width + 2 * REACH, generator=random), rgb.device)
         inner = slice(REACH, -REACH)
-        noise = torch.stack([drawn[0, :, inner, inner], _softened(drawn[1])]).to(rgb)
+        # A Gaussian takes white noise to a variance of 1 / (4 pi SOFT^2).
+        soft = 2 * math.sqrt(math.pi) * SOFT * gaussian_blur(drawn[1], SOFT)
+        noise = torch.stack([drawn[0], soft])[..., inner, inner].to(rgb)
         place = rgb.detach().mean(dim=2, keepdim=True).clamp(0, 1) * (KNOTS - 1)
         # Linear interpolation as a product: the gradient of a gather would be a sum in no fixed order.
         share = (1 - (place - torch.arange(KNOTS, device=rgb.device)).abs()).clamp(min=0)
         grey, coloured = torch.einsum("hwk,sck->schw", share, self.amplitudes()).unbind(dim=1)
         return (grey[:, None] * noise[:, :1] + coloured[:, None] * noise[:, 1:]).sum(dim=0).permute(1, 2, 0)
-
-
-def _softened(noise: Float[Tensor, "channel height width"]) -> Float[Tensor, "channel inner_height inner_width"]:
-    """White noise after a Gaussian blur, again of variance 1; smaller by `REACH` on each side."""
-    offset = torch.arange(-REACH, REACH + 1, dtype=noise.dtype, device=noise.device)
-    weight = torch.exp(-0.5 * (offset / SOFT) ** 2)
-    weight = weight / weight.norm()
-    rows = functional.conv2d(noise[:, None], weight[None, None, :, None])
-    return functional.conv2d(rows, weight[None, None, None])[:, 0]

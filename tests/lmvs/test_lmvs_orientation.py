@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from neural_strands.lmvs.orientation import OrientationConfig, angle_difference, gaussian_blur, luma, orientation_map
+from neural_strands.lmvs.orientation import OrientationConfig, angle_difference, luma, orientation_map
 
 CONFIG = OrientationConfig()
 ANGLES = [math.radians(7.3 * k + 1.1) for k in range(24)]
@@ -88,13 +88,6 @@ def test_several_scales_still_find_the_angle():
 def test_angles_are_a_half_turn_apart_at_most(first: float, second: float, expected: float):
     found = angle_difference(torch.tensor(first), torch.tensor(second))
     assert found == pytest.approx(expected, abs=1e-6)
-
-
-def test_blur_keeps_constants_and_the_sum():
-    spot = torch.zeros(31, 31)
-    spot[15, 15] = 1.0
-    assert gaussian_blur(spot, 2.0).sum() == pytest.approx(1.0, abs=1e-5)
-    assert torch.allclose(gaussian_blur(torch.ones(8, 9), 1.5), torch.ones(8, 9))
 
 
 def test_luma_of_grey_is_grey():

@@ -34,7 +34,7 @@ class Evaluate:
         """Evaluate, write, print."""
         from neural_strands.evaluation.strands_in_view import HEADS as STRAND_HEADS
         from neural_strands.evaluation.strands_in_view import mean_strands_in_view
-        from neural_strands.evaluation.view_quality import HEADS, MEASURES, mean_quality
+        from neural_strands.evaluation.view_quality import HEADS, mean_quality
         from neural_strands.runs.evaluate import evaluate_run, open_run
         from neural_strands.runs.report import write_report
 
@@ -55,12 +55,10 @@ class Evaluate:
         if result.lengths is not None:
             sys.stdout.write(f"lengths of strands: {result.lengths.as_text()}\n")
         views = f"{len(result.views)} views, {'held out' if result.held_out else 'none held out: seen in training'}"
-        sys.stdout.write(f"mean of {views}\n")
-        for head, cell in zip(HEADS, mean_quality(result.views).cells(), strict=True):
-            sys.stdout.write(f"views    {head:16} {cell:>8}\n")
-        sys.stdout.write("the same without grain over the hair\n")
-        for head, cell in zip(HEADS[: len(MEASURES)], mean_quality(result.clean).cells(), strict=False):
-            sys.stdout.write(f"views    {head:16} {cell:>8}\n")
+        for title, compared in ((f"mean of {views}", result.views), ("without grain over the hair", result.clean)):
+            sys.stdout.write(f"{title}\n")
+            for head, cell in zip(HEADS, mean_quality(compared).cells(), strict=True):
+                sys.stdout.write(f"views    {head:16} {cell:>8}\n")
         for head, cell in zip(STRAND_HEADS, mean_strands_in_view(result.in_views).cells(), strict=True):
             sys.stdout.write(f"strands  {head:16} {cell:>8}\n")
         sys.stdout.write(f"strands that no photograph could see: {result.unseen:.1f} %\n")

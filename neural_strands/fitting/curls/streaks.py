@@ -15,7 +15,8 @@ from torch.nn import functional
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import segments
-from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, gaussian_blur, orientation_map
+from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, orientation_map
+from neural_strands.raster.gaussian_blur import gaussian_blur
 from neural_strands.raster.lines import rasterise_lines
 
 BINS = 36
