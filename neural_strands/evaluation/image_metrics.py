@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.precision import exact_convolutions
+from neural_strands.raster.fir import Filter, filtered
 
 WINDOW = 11
 """Width of SSIM's Gaussian window, pixels (Wang et al. 2004)."""
@@ -103,6 +104,9 @@ def _blur(image: Float[Tensor, "*batch height width channel"]) -> Float[Tensor, 
     offset = torch.arange(WINDOW, device=image.device, dtype=image.dtype) - WINDOW // 2
     window = torch.exp(-0.5 * (offset / SIGMA).square())
     window = window / window.sum()
+    if image.device.type == "cuda":
+        height, width = (side - WINDOW + 1 for side in image.shape[-3:-1])
+        return filtered(filtered(image, Filter(window), -3, height), Filter(window), -2, width)
     planes = image.movedim(-1, -3)
     flat = planes.reshape(-1, 1, *planes.shape[-2:])
     with exact_convolutions():

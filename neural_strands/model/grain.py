@@ -15,8 +15,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from neural_strands.foundation.devices.transfers import sent
 from neural_strands.raster.gaussian_blur import gaussian_blur
+from neural_strands.raster.noise import normal_noise
 
 KNOTS = 5
 """Brightnesses, from black to white, at which the strength of the grain is learned."""
@@ -46,10 +46,10 @@ class Grain(nn.Module):
 
         Args:
             rgb: sRGB-encoded.
-            random: a generator on the CPU, so that every device draws the same grain.
+            random: draws the seed of the noise, which is the same on every device.
         """
         height, width, _ = rgb.shape
-        drawn = sent(torch.randn(2, 4, height + 2 * REACH, width + 2 * REACH, generator=random), rgb.device)
+        drawn = normal_noise((2, 4, height + 2 * REACH, width + 2 * REACH), random, rgb.device)
         inner = slice(REACH, -REACH)
         # A Gaussian takes white noise to a variance of 1 / (4 pi SOFT^2).
         soft = 2 * math.sqrt(math.pi) * SOFT * gaussian_blur(drawn[1], SOFT)

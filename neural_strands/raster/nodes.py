@@ -9,23 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-import warp as wp
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.raster.kernels import nodes as node_kernels
 from neural_strands.raster.quads import quads, room_for_quads, whole_quads
-from neural_strands.raster.visible import VisiblePoints
-
-STRIDE = 3
-"""Every how many points of a straight strand there is a node. Counted from the root, so that what remains of a cut
-strand keeps its nodes."""
-DENSE = 60
-"""Fewest points of strands that may do without a node at each of them."""
-STRAIGHT = 0.95
-"""Cosine of the angle between the first and the last segment of a piece below which all its points are nodes (18
-degrees). Without this limit, pictures of curls differ from those with every point as a node by 40 instead of 46 dB."""
+from neural_strands.raster.visible import VisiblePoints, node_settings
 
 
 @dataclass(frozen=True)
@@ -72,8 +62,7 @@ class VisibleNodes:
 def visible_nodes(visible: VisiblePoints, points: Float[Tensor, "strand point 3"]) -> VisibleNodes:
     """Find the nodes around visible points.
 
-    On CUDA there may be nodes that no point needs, because the host would have to wait for their number; likewise in
-    compiled graphs, whose sizes do not depend on data.
+    On CUDA, and in compiled graphs, there may be nodes that no point needs, and as many as there was room for.
 
     Args:
         visible: the visible points.
@@ -83,31 +72,22 @@ def visible_nodes(visible: VisiblePoints, points: Float[Tensor, "strand point 3"
     device, total = points.device, strands * per_strand
     before = kernels.zeros((len(visible),), torch.int64, device)
     along = kernels.zeros((len(visible),), torch.float32, device)
-    marks = kernels.zeros((total,), torch.int32, device)
-    inputs = [
-        kernels.array(visible.segment),
-        kernels.array(visible.position),
-        kernels.array(points.float().reshape(-1, 3), wp.vec3),
-        per_strand,
-        STRIDE if per_strand >= DENSE else 1,
-        STRAIGHT,
-        kernels.array(before),
-        kernels.array(along),
-        kernels.array(marks),
-    ]
-    kernels.launch_split(node_kernels.mark_nodes, len(visible), inputs, device)
-    number = marks.cumsum(0, dtype=torch.int32)
-    if device.type == "cpu" and not torch.compiler.is_compiling():
-        place = torch.nonzero(marks).squeeze(1)
+    marks, marked = kernels.zeros((total,), torch.int32, device), visible.marked
+    seen = [kernels.array(visible.segment), kernels.array(visible.position)]
+    found = [kernels.array(each) for each in (before, along, marks)]
+    kernels.launch_split(node_kernels.mark_nodes, len(visible), [*seen, *node_settings(points), *found], device)
+    if marked is None:
+        number, place = marks.cumsum(0, dtype=torch.int32), torch.nonzero(marks).squeeze(1)
+        index = number.index_select(0, before).long() - 1
     else:
-        most = min(2 * len(visible), total)
-        # Unmarked points all go to one place beyond the end.
-        slot = torch.where(marks > 0, number - 1, most).long()
+        most, number = marked.room, marked.number
+        # Unmarked points all go to one place beyond the end, and so do nodes without room.
+        slot = torch.where(marked.marks > 0, number - 1, most).clamp(max=most).long()
         place = torch.zeros(most + 1, dtype=torch.int64, device=device)
         place = place.scatter_(0, slot, torch.arange(total, device=device))[:most]
+        index = (number.index_select(0, before).long() - 1).clamp(0, most - 2)
     strand = torch.div(place, per_strand, rounding_mode="floor")
-    before = number.index_select(0, before).long() - 1
-    return VisibleNodes(strand, place - strand * per_strand, before, along)
+    return VisibleNodes(strand, place - strand * per_strand, index, along)
 
 
 class _Blend(torch.autograd.Function):

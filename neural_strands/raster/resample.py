@@ -1,8 +1,8 @@
 """Resampling by two and pointwise nonlinearities that keep their band limit (StyleGAN3 paper, section 3).
 
-Plain torch convolutions, one per channel and axis, in channels-last memory: this is the fast path on CPU and CUDA, and
-autograd provides the backward pass. Activations without gradients have a kernel of their own on the CPU. Grids are
-aligned by pixel areas: a coarse pixel covers `factor` fine ones.
+On the CPU plain torch convolutions, one per channel and axis, in channels-last memory; activations without gradients
+have a kernel of their own. On CUDA, where such convolutions are slow, the filters of `fir`. Grids are aligned by pixel
+areas: a coarse pixel covers `factor` fine ones.
 """
 
 import functools
@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neural_strands.foundation import kernels as launches
+from neural_strands.raster.fir import Filter, activated_at_twice, filtered
 from neural_strands.raster.kernels.activations import (
     CHANNELS,
     CLAMP,
@@ -23,10 +24,10 @@ from neural_strands.raster.kernels.activations import (
     REACH,
     SPAN,
     TAPS,
-    Filter,
     Span,
     filtered_activation,
 )
+from neural_strands.raster.kernels.activations import Filter as Coefficients
 
 Images = Float[Tensor, "batch channel height width"]
 Resampled = Float[Tensor, "batch channel new_height new_width"]
@@ -39,6 +40,10 @@ TILE = 128
 def upsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -> Resampled:
     """Interpolate to `factor` times as many pixels; `kernel` (even taps, sum one) runs on the fine grid."""
     channel, pad = images.shape[1], _alignment(kernel, factor)
+    if images.device.type == "cuda":
+        up = Filter(kernel, up=factor, pad=len(kernel) - 1 - pad, gain=float(factor), mirrored=True)
+        height, width = images.shape[2:]
+        return filtered(filtered(images, up, 2, factor * height), up, 3, factor * width)
     vertical, horizontal = _axes(kernel * factor, images)
     tall = F.conv_transpose2d(images, vertical, stride=(factor, 1), padding=(pad, 0), groups=channel)
     return F.conv_transpose2d(tall, horizontal, stride=(1, factor), padding=(0, pad), groups=channel)
@@ -54,6 +59,9 @@ def downsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -
     if height % factor or width % factor:
         raise ValueError(f"downsampling by {factor} needs sides that it divides, found {height} x {width}")
     pad = _alignment(kernel, factor)
+    if images.device.type == "cuda":
+        down = Filter(kernel, down=factor, pad=pad)
+        return filtered(filtered(images, down, 3, width // factor), down, 2, height // factor)
     vertical, horizontal = _axes(kernel, images)
     narrow = F.conv2d(images, horizontal, stride=(1, factor), padding=(0, pad), groups=channel)
     return F.conv2d(narrow, vertical, stride=(factor, 1), padding=(pad, 0), groups=channel)
@@ -73,6 +81,10 @@ def filtered_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel:
     """
     if _is_fused(images, bias, kernel):
         return _fused_leaky_relu(images, bias, kernel)
+    if images.device.type == "cuda":
+        shifted = images + _per_channel(bias, images)
+        found = activated_at_twice(shifted, kernel, _alignment(kernel, 2), LEAKY_SLOPE, LEAKY_GAIN)
+        return found.clamp(-CLAMP, CLAMP)
     fine = upsample(images + _per_channel(bias, images), kernel)
     activated = F.leaky_relu(fine, LEAKY_SLOPE, inplace=True)
     return downsample(activated, kernel * math.sqrt(LEAKY_GAIN)).clamp(-CLAMP, CLAMP)
@@ -97,7 +109,7 @@ def _fused_leaky_relu(images: Images, bias: Float[Tensor, " channel"], kernel: F
     tile, _ = _tiling(width)
     rows = -(-height // torch.get_num_threads())
     across = -(-width // tile)
-    filters = [Filter(*(kernel * gain).tolist()) for gain in (2.0, math.sqrt(LEAKY_GAIN))]
+    filters = [Coefficients(*(kernel * gain).tolist()) for gain in (2.0, math.sqrt(LEAKY_GAIN))]
     repeated = _spans(bias.detach().to(images).repeat(tile + 2 * REACH))
     sizes = [height, width, channel // CHANNELS, rows, tile]
 

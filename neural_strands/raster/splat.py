@@ -152,8 +152,12 @@ class _Splat(torch.autograd.Function):
             grad_means = torch.zeros_like(means) if grads[0] is None else F.pad(grads[0], (0, missing))
             at, place = [0.5**level, width, height, ctx.minimum_weight], kernels.array(weights)
             if grad_pixels is None:
-                inputs = [*points, *at, place, quads(grad_means), quads(grad_features)]
-                kernels.launch_split(splat_kernels.gather_feature_gradients, len(pixels), inputs, pixels.device)
+                # One CUDA thread adds one quad: neighbours then read and write neighbouring memory.
+                count = means.shape[1] // QUAD
+                run = 1 if pixels.device.type == "cuda" else count
+                inputs = [*points, *at, run, place, quads(grad_means), quads(grad_features)]
+                items = len(pixels) * (count // max(run, 1))
+                kernels.launch_split(splat_kernels.gather_feature_gradients, items, inputs, pixels.device)
                 continue
             grad_weights = torch.zeros_like(weights) if grads[1] is None else grads[1]
             inputs = [*points, quads(features), *at, quads(means), place, quads(grad_means)]
@@ -171,24 +175,27 @@ def _accumulate(
 ) -> None:
     """Sum weighted features and weights; on the CPU each thread visits all points for its own band of rows."""
     device, channels = features.device, features.shape[1]
-    on_gpu = device.type == "cuda"
-    # One CUDA thread adds one quad; on the CPU one item is a whole point, if possible as a single vector.
-    as_rows = not on_gpu and channels == splat_kernels.ROW and not kernels.is_traced(features)
+    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts)]
+    if device.type == "cuda":
+        for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
+            inputs = [*points, quads(features), 0.5**level, width, height, quads(sums), kernels.array(weights)]
+            kernels.launch(splat_kernels.accumulate_quads, len(pixels) * max(channels // QUAD, 1), inputs, device)
+        return
+    # One item is a whole point, if possible as a single vector.
+    as_rows = channels == splat_kernels.ROW and not kernels.is_traced(features)
     kernel = splat_kernels.accumulate_rows if as_rows else splat_kernels.accumulate
     vectors = _rows if as_rows else quads
     kernels.load(kernel, device)
-    bands = 1 if on_gpu else kernels.cpu_threads()
-    count = max(channels // QUAD, 1)
-    run = [] if as_rows else [1 if on_gpu else count]
-    items = len(pixels) * (count if on_gpu else 1)
-    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), vectors(features)]
+    bands = kernels.cpu_threads()
+    run = [] if as_rows else [max(channels // QUAD, 1)]
+    points.append(vectors(features))
     jobs = [[] for _ in range(bands)]
     for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
         outputs = [vectors(sums), kernels.array(weights)]
         for band in range(bands):
             rows = [height * band // bands, height * (band + 1) // bands]
             inputs = [*points, 0.5**level, width, *rows, *run, *outputs]
-            jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
+            jobs[band].append(functools.partial(kernels.launch, kernel, len(pixels), inputs, device))
     kernels.run_together([functools.partial(_run_all, band) for band in jobs])
 
 

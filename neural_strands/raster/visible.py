@@ -8,13 +8,39 @@ import functools
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Float32, Int64
+import warp as wp
+from jaxtyping import Float, Float32, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
 from neural_strands.foundation.devices.late_number import LateNumber
 from neural_strands.raster.kernels import fragments as fragment_kernels
+from neural_strands.raster.kernels import nodes as node_kernels
 from neural_strands.raster.lines import LineBuffer
+
+STRIDE = 3
+"""Every how many points of a straight strand there is a node. Counted from the root, so that what remains of a cut
+strand keeps its nodes."""
+DENSE = 60
+"""Fewest points of strands that may do without a node at each of them."""
+STRAIGHT = 0.95
+"""Cosine of the angle between the first and the last segment of a piece below which all its points are nodes (18
+degrees). Without this limit, pictures of curls differ from those with every point as a node by 40 instead of 46 dB."""
+
+
+@dataclass(frozen=True)
+class MarkedNodes:
+    """Which points of the strands are nodes.
+
+    Attributes:
+        marks: 1 for every point that is one.
+        number: number of nodes up to and including each point.
+        room: number of nodes, or the number for which there is room.
+    """
+
+    marks: Int32[Tensor, " place"]
+    number: Int32[Tensor, " place"]
+    room: int
 
 
 @dataclass(frozen=True)
@@ -29,8 +55,9 @@ class VisiblePoints:
         world: position in world metres; its gradient goes to both ends of the segment.
         per_strand: number of segments of a strand.
         knots: parameters of the strands' points; None: evenly spaced.
-        found: number of points if there was room for a fixed one: the last of these points may have the weight 0, or
-            else points may be missing.
+        found: number of points, or of their nodes if these are more, if there was room for a fixed one: the last of
+            these points may have the weight 0, or else points may be missing.
+        marked: where there are nodes around these points (`raster.nodes`); None on the CPU.
     """
 
     pixel: Int64[Tensor, " visible"]
@@ -41,6 +68,7 @@ class VisiblePoints:
     per_strand: int
     knots: Float[Tensor, "strand point"] | None = None
     found: LateNumber | None = None
+    marked: "MarkedNodes | None" = None
 
     @functools.cached_property
     def strand(self) -> Int64[Tensor, " visible"]:
@@ -78,17 +106,19 @@ def visible_points(
         factor: line pixels per image pixel; those of one image pixel that see the same part of a strand become one
             point, at their mean position.
         t: parameter of every point (`Strands.t`), interpolated at visible points; None: evenly spaced.
-        room: number of points in the result, so that the host need not wait for it; None: as many as are seen.
+        room: number of points in the result, and of nodes around them, so that the host need not wait for it; None:
+            as many as are seen.
 
     Raises:
         ValueError: the buffer's sides are not multiples of the factor.
     """
     segments = points.shape[1] - 1
-    *parts, found = _parts(buffer, segments, factor, room)
+    marks = None if _counts_on_host(points) else _marked_nodes(buffer, points)
+    *parts, found, marked = _parts(buffer, segments, factor, room, marks)
     pixel, segment, position, weight = parts
     start = segment + torch.div(segment, segments, rounding_mode="floor")
     world = _blend_ends(points, start, position)
-    return VisiblePoints(pixel, segment, position, weight, world, segments, t, found)
+    return VisiblePoints(pixel, segment, position, weight, world, segments, t, found, marked)
 
 
 def interpolate_knots(
@@ -122,23 +152,48 @@ def _blend_ends(
     return torch.lerp(ends[0], ends[1], position.to(values.dtype)[:, None])
 
 
+def _counts_on_host(points: Tensor) -> bool:
+    """Whether the number of nodes is known without a wait, and may differ from call to call."""
+    return points.device.type == "cpu" and not torch.compiler.is_compiling()
+
+
+def node_settings(points: Float[Tensor, "strand point 3"]) -> list:
+    """What kernels need in order to tell nodes from other points."""
+    per_strand = points.shape[1]
+    stride = STRIDE if per_strand >= DENSE else 1
+    return [kernels.array(points.float().reshape(-1, 3), wp.vec3), per_strand, stride, STRAIGHT]
+
+
+def _marked_nodes(buffer: LineBuffer, points: Float[Tensor, "strand point 3"]) -> Int32[Tensor, " place"]:
+    """1 for every point that is a node around what line pixels see."""
+    strands, per_strand, _ = points.shape
+    marks = kernels.zeros((strands * per_strand,), torch.int32, points.device)
+    seen = [kernels.array(buffer.segment.view(-1)), kernels.array(buffer.position.view(-1))]
+    inputs = [*seen, *node_settings(points), kernels.array(marks)]
+    kernels.launch_split(node_kernels.mark_seen, buffer.segment.numel(), inputs, points.device)
+    return marks
+
+
 def _parts(
-    buffer: LineBuffer, per_strand: int, factor: int, room: int | None
+    buffer: LineBuffer, per_strand: int, factor: int, room: int | None, marks: Int32[Tensor, " place"] | None
 ) -> tuple[
     Int64[Tensor, " visible"],
     Int64[Tensor, " visible"],
     Float32[Tensor, " visible"],
     Float32[Tensor, " visible"],
     LateNumber | None,
+    MarkedNodes | None,
 ]:
     """Parts of strands that image pixels see: pixel, segment, position on the segment, number of line pixels.
 
-    Last, their number, if there is room for a fixed one.
+    Then their number, if there is room for a fixed one, and the nodes, if they are marked.
     """
+    number = None if marks is None else marks.cumsum(0, dtype=torch.int32)
     if factor == 1 and room is None:
         pixel = torch.nonzero(buffer.segment.view(-1) >= 0).squeeze(1)
         segment, position = (plane.view(-1).index_select(0, pixel) for plane in (buffer.segment, buffer.position))
-        return pixel, segment, position, torch.ones_like(position), None
+        marked = None if marks is None or number is None else MarkedNodes(marks, number, _last(number))
+        return pixel, segment, position, torch.ones_like(position), None, marked
     height, width = (side // factor for side in buffer.segment.shape)
     if (height * factor, width * factor) != tuple(buffer.segment.shape):
         raise ValueError(f"a line buffer of {tuple(buffer.segment.shape)} has no whole pixels of {factor} x {factor}")
@@ -147,10 +202,22 @@ def _parts(
     count = torch.zeros(height * width, dtype=torch.int32, device=device)
     kernels.launch_split(fragment_kernels.count_parts, len(count), [segment, *sizes, kernels.array(count)], device)
     end = count.cumsum(0, dtype=torch.int32)
-    found, size = (None, int(end[-1])) if room is None else (LateNumber(end[-1]), room)
+    found, size, nodes = None, room or 0, room or 0
+    if room is not None:
+        found = LateNumber(end[-1] if number is None or not len(number) else torch.maximum(end[-1], number[-1]))
+    elif number is None or not len(number):
+        size = int(end[-1])
+    else:
+        # One wait for both numbers.
+        size, nodes = torch.stack([end[-1], number[-1]]).tolist()
     pixels, segments = (torch.zeros(size, dtype=torch.int64, device=device) for _ in range(2))
     positions, weights = (torch.zeros(size, dtype=torch.float32, device=device) for _ in range(2))
     outputs = [kernels.array(plane) for plane in (count, end - count, pixels, segments, positions, weights)]
     inputs = [segment, kernels.array(buffer.position), *sizes, size, *outputs]
     kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
-    return pixels, segments, positions, weights, found
+    marked = None if marks is None or number is None else MarkedNodes(marks, number, nodes)
+    return pixels, segments, positions, weights, found, marked
+
+
+def _last(number: Int32[Tensor, " place"]) -> int:
+    return int(number[-1]) if len(number) else 0

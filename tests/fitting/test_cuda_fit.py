@@ -1,11 +1,14 @@
-"""Fit, stereo and prior with every tensor on another device: nothing is left behind, and the numbers are the CPU's."""
+"""Fit, stereo and prior with every tensor on another device: nothing is left behind, and the numbers are the CPU's.
+
+The emulated device computes as the CPU does. A real one adds up in another order, so its bounds are wider.
+"""
 
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
-from emulated_device import on_device, waits
+from emulated_device import waits
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
@@ -34,6 +37,19 @@ SHORT = tiny_config(steps=6, initialise="mean")
 EXACT = replace(SHORT, model=replace(SHORT.model, mixed_precision=False))
 
 
+@pytest.fixture(params=["emulated", pytest.param("cuda", marks=pytest.mark.gpu)])
+def accelerator(request):
+    return request.getfixturevalue(request.param)
+
+
+def is_real(request) -> bool:
+    return request.node.callspec.params["accelerator"] == "cuda"
+
+
+def on_device(tensor: torch.Tensor) -> bool:
+    return tensor.device.type == "cuda"
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("capture") / "ball"
@@ -51,17 +67,18 @@ def fitted(folder: Path, device: torch.device, config):
     return state, rows
 
 
-def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, emulated):
-    there, rows = fitted(folder, emulated, EXACT)
+def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, accelerator, request):
+    there, rows = fitted(folder, accelerator, EXACT)
+    close, moved = (2e-3, 1e-4) if is_real(request) else (1e-4, 1e-5)
     here, expected = fitted(folder, CPU, EXACT)
     for row, wanted in zip(rows, expected, strict=True):
         assert {k: v for k, v in row.items() if k != "seconds"} == pytest.approx(
-            {k: v for k, v in wanted.items() if k != "seconds"}, rel=1e-4, abs=1e-6
+            {k: v for k, v in wanted.items() if k != "seconds"}, rel=close, abs=1e-6
         )
     ours = {**dict(there.model.named_parameters()), **dict(there.model.named_buffers())}
     ours |= {"remembered": there.remembered, "drawn": there.drawn}
     assert [name for name, value in ours.items() if not on_device(value)] == []
-    torch.testing.assert_close(there.drawn.cpu(), here.drawn, atol=1e-5, rtol=0)
+    torch.testing.assert_close(there.drawn.cpu(), here.drawn, atol=moved, rtol=0)
     save_checkpoint(there, tmp_path / "checkpoint.pt")
     before = there.drawn.clone()
     load_checkpoint(there, tmp_path / "checkpoint.pt")
@@ -72,8 +89,8 @@ def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, emulated):
     assert torch.equal(there.drawn, before)
 
 
-def test_a_fit_in_bfloat16_stays_near_it(folder, emulated):
-    _, rough = fitted(folder, emulated, SHORT)
+def test_a_fit_in_bfloat16_stays_near_it(folder, accelerator):
+    _, rough = fitted(folder, accelerator, SHORT)
     _, exact = fitted(folder, CPU, SHORT)
     assert rough[-1]["render"] != exact[-1]["render"]
     assert rough[-1]["render"] == pytest.approx(exact[-1]["render"], rel=0.05)
@@ -97,13 +114,13 @@ def test_a_step_reads_its_figures_once(folder, emulated):
 
 
 @pytest.mark.slow(seconds=50)
-def test_a_whole_run_from_photographs_to_scores(folder, tmp_path, emulated):
+def test_a_whole_run_from_photographs_to_scores(folder, tmp_path, accelerator):
     config = replace(SHORT, initialise="flow")
     save_segments(tmp_path / "segments.npz", true_segments(Capture.load(folder).ground_truth.points))
     request = FitRequest(folder, tmp_path / "run", segments=tmp_path / "segments.npz")
-    state = run_fit(request, config, emulated, Feedback())
+    state = run_fit(request, config, accelerator, Feedback())
     assert on_device(state.drawn)
-    result = evaluate_run(open_run(tmp_path / "run", emulated), emulated)
+    result = evaluate_run(open_run(tmp_path / "run", accelerator), accelerator)
     assert result.ours[-1].unsigned.as_dict()
     hair = result.views[0].quality.hair
     assert hair is not None
@@ -114,24 +131,30 @@ def test_a_whole_run_from_photographs_to_scores(folder, tmp_path, emulated):
     assert main(["score", str(tmp_path / "run" / "groom.npz"), str(folder), "--device", "cuda"]) == 0
 
 
-def test_stereo_gives_the_lines_of_the_cpu(emulated, monkeypatch, tmp_path):
+def test_stereo_gives_the_lines_of_the_cpu(accelerator, monkeypatch, tmp_path, request):
     # Features and lines that do not fit into memory come back from disk to the device.
     monkeypatch.setattr(work_module, "KEPT", 2)
     write_capture(tmp_path / "ball", views=4)
     capture = Capture.load(tmp_path / "ball")
     head = find_head(capture, None).mesh
     found = []
-    for device in (emulated, CPU):
+    for device in (accelerator, CPU):
         views = capture.views_on(device)
         found.append(reconstruct(views, head.to(device), LmvsConfig(), torch.Generator().manual_seed(0)))
     there, here = found
     assert on_device(there.points)
     assert len(here) > 0
+    if is_real(request):
+        # A line that wins by less than rounding may be another one.
+        assert len(there) == pytest.approx(len(here), rel=0.05)
+        nearest = torch.cdist(there.points.cpu(), here.points).amin(1)
+        assert nearest.quantile(0.95) < 1e-4
+        return
     assert torch.equal(there.points.cpu(), here.points)
     assert torch.equal(there.segment_id.cpu(), here.segment_id)
 
 
-def test_training_of_the_prior_gives_the_weights_of_the_cpu(emulated, monkeypatch, tmp_path):
+def test_training_of_the_prior_gives_the_weights_of_the_cpu(accelerator, monkeypatch, tmp_path):
     monkeypatch.setattr(curve_stream, "CHUNK", 64)
     monkeypatch.setattr(prior_module, "HELD_OUT", 32)
     config = TrainPriorConfig(
@@ -143,7 +166,7 @@ def test_training_of_the_prior_gives_the_weights_of_the_cpu(emulated, monkeypatc
         checkpoint_seconds=0.0,
         generator=GeneratorConfig(layers=2, hidden=16),
     )
-    there = train_prior(tmp_path / "there.safetensors", config, seed=1, device=emulated)
+    there = train_prior(tmp_path / "there.safetensors", config, seed=1, device=accelerator)
     here = train_prior(tmp_path / "here.safetensors", config, seed=1)
     assert all(on_device(value) for value in there.state_dict().values())
     for name, value in here.state_dict().items():

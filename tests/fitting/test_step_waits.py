@@ -21,8 +21,8 @@ from neural_strands.prior.vae import load_prior
 ITEM, NONZERO, MASK = "aten._local_scalar_dense.default", "aten.nonzero.default", "aten.index.Tensor by a mask"
 SHAPE = {"tolist": 1}
 """A shape step: the corners of the grid of all points."""
-IMAGE = {ITEM: 1}
-"""An image step: the number of visible parts."""
+IMAGE = {"tolist": 1}
+"""An image step: the numbers of visible parts and of nodes, in one answer."""
 AFTER_SHAPE = {"tolist": 1}
 """The first image step after the shape has changed: the box of the hair."""
 VISIBLE_STRANDS = {NONZERO: 1}

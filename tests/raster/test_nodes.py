@@ -9,8 +9,8 @@ import torch
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import directions
 from neural_strands.raster.lines import LineConfig, rasterise_lines
-from neural_strands.raster.nodes import DENSE, STRAIGHT, STRIDE, visible_nodes
-from neural_strands.raster.visible import visible_points
+from neural_strands.raster.nodes import visible_nodes
+from neural_strands.raster.visible import DENSE, STRAIGHT, STRIDE, visible_points
 
 POINTS = 33 * STRIDE + 1
 """Points of a strand, of which every third is a node."""

@@ -21,6 +21,50 @@ def is_bent(points: wp.array[wp.vec3], first: int, last: int, straight: float) -
     return wp.dot(begin, end) < straight * wp.length(begin) * wp.length(end)
 
 
+@wp.func
+@no_type_check
+def nodes_of(points: wp.array[wp.vec3], segment: int, per_strand: int, stride: int, straight: float) -> wp.vec2i:
+    """The nodes before and after a segment, as indices of points."""
+    strand = segment // (per_strand - 1)
+    vertex = segment - strand * (per_strand - 1)
+    root = strand * per_strand
+    first = root + vertex // stride * stride
+    last = wp.min(first + stride, root + per_strand - 1)
+    if is_bent(points, first, last, straight):
+        first = root + vertex
+        last = first + 1
+    return wp.vec2i(first, last)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def mark_seen(
+    start: int,
+    segments: wp.array[wp.int64],
+    positions: wp.array[float],
+    points: wp.array[wp.vec3],
+    per_strand: int,
+    stride: int,
+    straight: float,
+    marks: wp.array[int],
+) -> None:
+    """Mark the nodes around what a line pixel sees, before it is known how many visible points there are.
+
+    The mean of line pixels that see one segment may be rounded to the beginning of the next.
+    """
+    item = start + wp.tid()
+    segment = int(segments[item])
+    if segment < 0:
+        return
+    ends = nodes_of(points, segment, per_strand, stride, straight)
+    marks[ends[0]] = 1
+    marks[ends[1]] = 1
+    if positions[item] > 0.99 and (segment + 1) % (per_strand - 1) != 0:
+        ends = nodes_of(points, segment + 1, per_strand, stride, straight)
+        marks[ends[0]] = 1
+        marks[ends[1]] = 1
+
+
 @wp.kernel(enable_backward=False)
 @no_type_check
 def mark_nodes(
@@ -41,16 +85,13 @@ def mark_nodes(
     """
     item = start + wp.tid()
     segment = int(segments[item])
-    strand = segment // (per_strand - 1)
-    vertex = segment - strand * (per_strand - 1)
-    root = strand * per_strand
-    first = root + vertex // stride * stride
-    last = wp.min(first + stride, root + per_strand - 1)
-    if is_bent(points, first, last, straight):
-        first = root + vertex
-        last = first + 1
+    ends = nodes_of(points, segment, per_strand, stride, straight)
+    first = ends[0]
+    last = ends[1]
+    # A point's index exceeds that of its segment by the number of strands before it.
+    here = segment + segment // (per_strand - 1)
     before[item] = wp.int64(first)
-    along[item] = (float(root + vertex - first) + positions[item]) / float(last - first)
+    along[item] = (float(here - first) + positions[item]) / float(last - first)
     marks[first] = 1
     marks[last] = 1
 

@@ -85,6 +85,61 @@ def accumulate(
     add_to_neighbours(scale * pixels[point], amounts[point], features, point, groups, width, rows, sums, weights)
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    float* place = &wp::index(sums, cell, group)[0];
+    asm volatile("red.relaxed.gpu.global.add.v4.f32 [%0], {%1, %2, %3, %4};"
+        :: "l"(place), "f"(value[0]), "f"(value[1]), "f"(value[2]), "f"(value[3]) : "memory");
+#else
+    wp::atomic_add(sums, cell, group, value);
+#endif
+""")
+@no_type_check
+def add_quad(sums: wp.array2d[wp.vec4], cell: int, group: int, value: wp.vec4) -> None:
+    """Add four channels to a pixel's; since Hopper, GPUs do that in one instruction."""
+    ...
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def accumulate_quads(
+    pixels: wp.array[wp.vec2],
+    amounts: wp.array[float],
+    features: wp.array2d[wp.vec4],
+    scale: float,
+    width: int,
+    height: int,
+    sums: wp.array2d[wp.vec4],
+    weights: wp.array[float],
+) -> None:
+    """Add one group of four channels of one point to its four neighbours; for GPUs."""
+    item = wp.tid()
+    groups = wp.max(features.shape[1], 1)
+    point = item // groups
+    group = item - point * groups
+    position = scale * pixels[point]
+    x = position[0] - 0.5
+    y = position[1] - 0.5
+    if not (x > -1.0 and x < float(width) and y > -1.0 and y < float(height)):
+        return
+    column = int(wp.floor(x))
+    row = int(wp.floor(y))
+    value = wp.vec4()
+    if features.shape[1] > 0:
+        value = features[point, group]
+    for corner in range(4):
+        u = column + corner % 2
+        v = row + corner // 2
+        weight = corner_weight(x - float(column), corner % 2) * corner_weight(y - float(row), corner // 2)
+        weight *= amounts[point]
+        if u >= 0 and u < width and v >= 0 and v < height and weight > 0.0:
+            cell = v * width + u
+            if group == 0:
+                wp.atomic_add(weights, cell, weight)
+            if features.shape[1] > 0:
+                add_quad(sums, cell, group, weight * value)
+
+
 @wp.kernel(enable_backward=False)
 @no_type_check
 def accumulate_rows(
@@ -178,12 +233,16 @@ def gather_feature_gradients(
     width: int,
     height: int,
     minimum_weight: float,
+    quads_per_item: int,
     weights: wp.array[float],
     grad_means: wp.array2d[wp.vec4],
     grad_features: wp.array2d[wp.vec4],
 ) -> None:
-    """`gather_gradients` for points whose positions need none."""
-    point = start + wp.tid()
+    """`gather_gradients` for points whose positions need none; an item is some groups of four channels of a point."""
+    item = start + wp.tid()
+    blocks = grad_features.shape[1] // quads_per_item
+    point = item // blocks
+    first = (item - point * blocks) * quads_per_item
     x = pixels[point][0] * scale - 0.5
     y = pixels[point][1] * scale - 0.5
     if not (x > -1.0 and x < float(width) and y > -1.0 and y < float(height)):
@@ -198,5 +257,5 @@ def gather_feature_gradients(
         if u >= 0 and u < width and v >= 0 and v < height:
             cell = v * width + u
             share = weight_x * weight_y * (amounts[point] / wp.max(weights[cell], minimum_weight))
-            for quad in range(grad_features.shape[1]):
+            for quad in range(first, first + quads_per_item):
                 grad_features[point, quad] = grad_features[point, quad] + share * grad_means[cell, quad]

@@ -1,0 +1,165 @@
+"""One-dimensional filters along one axis of a tensor, by kernels of our own, with gradients to the values.
+
+For GPUs: cuDNN takes ten to a hundred times as long for one filter per channel, and longer still for its gradient. On
+the CPU torch's convolutions are faster.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+import warp as wp
+from jaxtyping import Float
+from torch import Tensor
+
+from neural_strands.foundation import kernels
+from neural_strands.raster.kernels import fir as fir_kernels
+from neural_strands.raster.kernels.fir import ACTIVATE, GATE, PLAIN
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A filter and how it samples: output i is the sum over inputs j of taps[j * up - i * down + pad] * input[j].
+
+    Attributes:
+        taps: coefficients, float32.
+        up: fine samples per input.
+        down: fine samples per output.
+        pad: fine samples before the first input at which the first output begins.
+        gain: factor of all coefficients.
+        mirrored: read the coefficients from the last to the first.
+    """
+
+    taps: Float[Tensor, " tap"]
+    up: int = 1
+    down: int = 1
+    pad: int = 0
+    gain: float = 1.0
+    mirrored: bool = False
+
+    def adjoint(self) -> "Filter":
+        """The filter that takes gradients of outputs to gradients of inputs."""
+        pad = len(self.taps) - 1 - self.pad
+        return replace(self, up=self.down, down=self.up, pad=pad, mirrored=not self.mirrored)
+
+
+def filtered(
+    values: Float[Tensor, "*size"], by: Filter, axis: int, length: int, activation: float | None = None
+) -> Float[Tensor, "*new_size"]:
+    """Filter along one axis; values beyond its ends are zero.
+
+    Args:
+        values: float32 or bfloat16; images in channels-last memory stay in it.
+        by: the filter.
+        axis: which axis.
+        length: number of outputs along it.
+        activation: slope of a leaky ReLU that follows; None: nothing follows.
+    """
+    return _Filtered.apply(values, by, axis, length, activation)
+
+
+class _Filtered(torch.autograd.Function):
+    """`filtered`, with gradients to the values."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, by: Filter, axis: int, length: int, activation: float | None) -> Tensor:
+        result = _run(values, by, axis, length, activation)
+        ctx.by, ctx.axis, ctx.length, ctx.activation = by, axis, values.shape[axis], activation
+        ctx.save_for_backward(*(() if activation is None else (result,)))
+        return result
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None, None]:
+        gradient = gradients[0]
+        if ctx.activation is not None:
+            gradient = torch.where(ctx.saved_tensors[0] < 0, ctx.activation * gradient, gradient)
+        return _run(gradient, ctx.by.adjoint(), ctx.axis, ctx.length), None, None, None, None
+
+
+def activated_at_twice(
+    images: Float[Tensor, "batch channel height width"],
+    taps: Float[Tensor, " tap"],
+    pad: int,
+    slope: float,
+    gain: float,
+) -> Float[Tensor, "batch channel height width"]:
+    """Leaky ReLU at twice the resolution: filtered on the way up, activated, filtered on the way down.
+
+    Args:
+        images: the images.
+        taps: coefficients on the fine grid.
+        pad: zeros before the first sample that centre them.
+        slope: of the leaky ReLU for negative values.
+        gain: factor of the result.
+    """
+    return _ActivatedAtTwice.apply(images, taps, pad, slope, gain)
+
+
+class _ActivatedAtTwice(torch.autograd.Function):
+    """`activated_at_twice`; only the activated fine samples are kept, and the gradient passes them in one kernel."""
+
+    @staticmethod
+    def forward(ctx: Any, images: Tensor, taps: Tensor, pad: int, slope: float, gain: float) -> Tensor:
+        height, width = images.shape[2:]
+        up = Filter(taps, up=2, pad=len(taps) - 1 - pad, gain=2.0, mirrored=True)
+        down = Filter(taps, down=2, pad=pad, gain=math.sqrt(gain))
+        fine = _run(_run(images, up, 2, 2 * height), up, 3, 2 * width, slope)
+        ctx.up, ctx.down, ctx.slope = up, down, slope
+        ctx.save_for_backward(fine)
+        return _run(_run(fine, down, 3, width), down, 2, height)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None, None]:
+        (fine,) = ctx.saved_tensors
+        up, down = ctx.up.adjoint(), ctx.down.adjoint()
+        height, width = fine.shape[2:]
+        found = _run(_run(gradients[0], down, 2, height), down, 3, width, ctx.slope, fine)
+        return _run(_run(found, up, 3, width // 2), up, 2, height // 2), None, None, None, None
+
+
+def _run(
+    values: Tensor, by: Filter, axis: int, length: int, activation: float | None = None, gate: Tensor | None = None
+) -> Tensor:
+    """Run the kernel; with `gate`, the sums are multiplied by the slope `activation` where it is negative."""
+    axis %= values.ndim
+    if values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last):
+        order = (0, 2, 3, 1)
+        inside = None if gate is None else gate.permute(order)
+        place = order.index(axis)
+        found = _run_flat(values.permute(order), by, place, length, activation, inside)
+        return found.permute(0, 3, 1, 2)
+    return _run_flat(values.contiguous(), by, axis, length, activation, gate)
+
+
+def _run_flat(
+    values: Tensor, by: Filter, axis: int, length: int, activation: float | None, gate: Tensor | None
+) -> Tensor:
+    """`_run` for contiguous values."""
+    inner = math.prod(values.shape[axis + 1 :])
+    if values.dtype != torch.float32 and (values.dtype != torch.bfloat16 or inner % 2):
+        floats = None if gate is None else gate.float()
+        return _run_flat(values.float(), by, axis, length, activation, floats).to(values.dtype)
+    is_pairs = values.dtype == torch.bfloat16
+    size = (*values.shape[:axis], length, *values.shape[axis + 1 :])
+    result = torch.zeros(size, dtype=values.dtype, device=values.device)
+    described = fir_kernels.Axis()
+    described.up, described.down, described.pad, described.taps = by.up, by.down, by.pad, len(by.taps)
+    described.length, described.new_length = values.shape[axis], length
+    described.inner = inner // 2 if is_pairs else inner
+    described.mirrored = int(by.mirrored)
+    described.finish = PLAIN if activation is None else ACTIVATE if gate is None else GATE
+    described.gain, described.slope = by.gain, 0.0 if activation is None else activation
+    arrays = [_words(each) if is_pairs else kernels.array(each.view(-1)) for each in (values, values, result)]
+    if gate is not None:
+        flat = gate.contiguous()
+        arrays[1] = _words(flat) if is_pairs else kernels.array(flat.view(-1))
+    kernel = fir_kernels.filter_pairs if is_pairs else fir_kernels.filter_floats
+    count = result.numel() // (2 if is_pairs else 1)
+    kernels.launch_split(kernel, count, [kernels.array(by.taps), described, *arrays], values.device)
+    return result
+
+
+def _words(values: Tensor) -> Any:
+    """Pairs of bfloat16 as 32-bit numbers."""
+    return kernels.array(values.view(-1).view(torch.int32), wp.uint32)

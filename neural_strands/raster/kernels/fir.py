@@ -1,0 +1,164 @@
+"""Kernels of one-dimensional filters along one axis, with zeros put between samples or samples left out.
+
+Each thread computes one output, or two neighbouring ones in bfloat16. The sums are in float32.
+
+Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
+not type-checked.
+"""
+
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
+
+from typing import no_type_check
+
+import warp as wp
+
+PLAIN, ACTIVATE, GATE = 0, 1, 2
+"""What happens to a sum: nothing; leaky ReLU; the gradient of leaky ReLU, by the sign of what it had returned."""
+_ACTIVATE, _GATE = wp.constant(ACTIVATE), wp.constant(GATE)
+
+
+@wp.struct
+@no_type_check
+class Axis:
+    """The filter and the axis that it runs along.
+
+    Output i is the sum over inputs j of taps[j * up - i * down + pad] * input[j].
+
+    Attributes:
+        up: fine samples per input.
+        down: fine samples per output.
+        pad: fine samples before the first input that the first output's taps begin at.
+        taps: number of coefficients.
+        length: number of inputs along the axis.
+        new_length: number of outputs.
+        inner: number of values between neighbours along the axis; for the kernel of bfloat16, of pairs.
+        mirrored: 1 if the coefficients are read from the last to the first.
+        finish: `PLAIN`, `ACTIVATE` or `GATE`.
+        gain: factor of the sums.
+        slope: of leaky ReLU for negative values.
+    """
+
+    up: int
+    down: int
+    pad: int
+    taps: int
+    length: int
+    new_length: int
+    inner: int
+    mirrored: int
+    finish: int
+    gain: float
+    slope: float
+
+
+@wp.func
+@no_type_check
+def coefficient(weights: wp.array[float], axis: Axis, place: int) -> float:
+    """The coefficient with that number."""
+    if axis.mirrored == 1:
+        return weights[axis.taps - 1 - place]
+    return weights[place]
+
+
+@wp.func
+@no_type_check
+def finished(total: float, before: float, axis: Axis) -> float:
+    """A sum with its gain, after what `axis.finish` says; `before` is what leaky ReLU had returned."""
+    found = axis.gain * total
+    if axis.finish == _ACTIVATE:
+        return wp.max(found, axis.slope * found)
+    if axis.finish == _GATE and before < 0.0:
+        return axis.slope * found
+    return found
+
+
+@wp.func
+@no_type_check
+def first_input(axis: Axis, start: int) -> int:
+    """The first input at or after a fine sample."""
+    return wp.max((start + axis.up - 1) // axis.up, 0)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def filter_floats(
+    start: int,
+    weights: wp.array[float],
+    axis: Axis,
+    values: wp.array[float],
+    gate: wp.array[float],
+    result: wp.array[float],
+) -> None:
+    """Compute one output."""
+    item = start + wp.tid()
+    row = item // axis.inner
+    lane = item - row * axis.inner
+    outer = row // axis.new_length
+    begin = (row - outer * axis.new_length) * axis.down - axis.pad
+    base = outer * axis.length * axis.inner + lane
+    total = wp.float32(0.0)
+    j = first_input(axis, begin) if begin > 0 else 0
+    while j < axis.length and j * axis.up - begin < axis.taps:
+        total += coefficient(weights, axis, j * axis.up - begin) * values[base + j * axis.inner]
+        j += 1
+    before = wp.float32(0.0)
+    if axis.finish == _GATE:
+        before = gate[item]
+    result[item] = finished(total, before, axis)
+
+
+@wp.func
+@no_type_check
+def low_half(pair: wp.uint32) -> float:
+    """The first of two bfloat16 as float32."""
+    return wp.cast(pair << wp.uint32(16), float)
+
+
+@wp.func
+@no_type_check
+def high_half(pair: wp.uint32) -> float:
+    """The second of two bfloat16 as float32."""
+    return wp.cast((pair >> wp.uint32(16)) << wp.uint32(16), float)
+
+
+@wp.func
+@no_type_check
+def rounded(value: float) -> wp.uint32:
+    """The 16 bits of the nearest bfloat16, even if two are as near."""
+    bits = wp.cast(value, wp.uint32)
+    return (bits + wp.uint32(0x7FFF) + ((bits >> wp.uint32(16)) & wp.uint32(1))) >> wp.uint32(16)
+
+
+@wp.kernel(enable_backward=False)
+@no_type_check
+def filter_pairs(
+    start: int,
+    weights: wp.array[float],
+    axis: Axis,
+    values: wp.array[wp.uint32],
+    gate: wp.array[wp.uint32],
+    result: wp.array[wp.uint32],
+) -> None:
+    """Compute two neighbouring outputs in bfloat16, which pass through memory as one number."""
+    item = start + wp.tid()
+    row = item // axis.inner
+    lane = item - row * axis.inner
+    outer = row // axis.new_length
+    begin = (row - outer * axis.new_length) * axis.down - axis.pad
+    base = outer * axis.length * axis.inner + lane
+    low = wp.float32(0.0)
+    high = wp.float32(0.0)
+    j = first_input(axis, begin) if begin > 0 else 0
+    while j < axis.length and j * axis.up - begin < axis.taps:
+        weight = coefficient(weights, axis, j * axis.up - begin)
+        pair = values[base + j * axis.inner]
+        low += weight * low_half(pair)
+        high += weight * high_half(pair)
+        j += 1
+    before = wp.uint32(0)
+    if axis.finish == _GATE:
+        before = gate[item]
+    low = finished(low, low_half(before), axis)
+    high = finished(high, high_half(before), axis)
+    result[item] = rounded(low) | (rounded(high) << wp.uint32(16))
