@@ -46,7 +46,7 @@ from neural_strands.raster.nodes import visible_nodes
 from neural_strands.raster.openings import openings
 from neural_strands.raster.splat import SplatMap, splat_pyramid
 from neural_strands.raster.triangles import rasterise_triangles
-from neural_strands.raster.visible import VisiblePoints, interpolate_knots, visible_points
+from neural_strands.raster.visible import Room, VisiblePoints, interpolate_knots, visible_points
 from neural_strands.scalp.roots import Roots
 
 LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
@@ -184,7 +184,7 @@ class HairModel(nn.Module):
         body_weight: Float[Tensor, "height width"] | None = None,
         light: LightChange | None = None,
         photographed: bool = False,
-        room: int | None = None,
+        room: Room | None = None,
     ) -> RenderOutput:
         """Render strands from one view.
 
@@ -235,7 +235,7 @@ class HairModel(nn.Module):
         volume: HairVolume | None = None,
         light: LightChange | None = None,
         photographed: bool = False,
-        room: int | None = None,
+        room: Room | None = None,
     ) -> HairImage:
         """Render the hair alone from one view; the arguments and errors are those of `render`."""
         # Computed before the camera moves to the device, so that the host need not wait for it.

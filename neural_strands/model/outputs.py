@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from neural_strands.foundation.devices.late_number import LateNumber
+from neural_strands.foundation.devices.late_numbers import LateNumbers
 from neural_strands.foundation.srgb import to_srgb
 from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.triangles import TriangleBuffer
@@ -56,7 +56,8 @@ class RenderOutput:
         coverage: share of each pixel covered by strands.
         lines: the drawn lines, at `supersample` times the image's resolution.
         body_depth: depth of the body at that resolution, metres along the optical axis; infinite where there is none.
-        parts: number of visible parts of strands, if there was room for a fixed one; hair is missing if there are more.
+        parts: numbers of visible parts of strands and of the nodes around them, if there was room for fixed ones; hair
+            is missing if there are more.
     """
 
     rgb: Float[Tensor, "height width 3"]
@@ -66,7 +67,7 @@ class RenderOutput:
     coverage: Float[Tensor, "height width"]
     lines: LineBuffer
     body_depth: Float[Tensor, "fine_height fine_width"]
-    parts: LateNumber | None = None
+    parts: LateNumbers | None = None
 
     @property
     def cutout(self) -> Float[Tensor, "height width 4"]:

@@ -4,6 +4,7 @@ For GPUs: cuDNN takes ten to a hundred times as long for one filter per channel,
 the CPU torch's convolutions are faster.
 """
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +17,9 @@ from torch import Tensor
 from neural_strands.foundation import kernels
 from neural_strands.raster.kernels import fir as fir_kernels
 from neural_strands.raster.kernels.fir import ACTIVATE, GATE, PLAIN
+
+FOUR = 4
+"""Values in bfloat16 that a thread computes together."""
 
 
 @dataclass(frozen=True)
@@ -136,30 +140,38 @@ def _run_flat(
     values: Tensor, by: Filter, axis: int, length: int, activation: float | None, gate: Tensor | None
 ) -> Tensor:
     """`_run` for contiguous values."""
-    inner = math.prod(values.shape[axis + 1 :])
-    if values.dtype != torch.float32 and (values.dtype != torch.bfloat16 or inner % 2):
+    shape = values.shape
+    inner = math.prod(shape[axis + 1 :])
+    together = FOUR if values.dtype == torch.bfloat16 else 1
+    if values.dtype not in (torch.float32, torch.bfloat16) or inner % together or values.storage_offset() % together:
         floats = None if gate is None else gate.float()
         return _run_flat(values.float(), by, axis, length, activation, floats).to(values.dtype)
-    is_pairs = values.dtype == torch.bfloat16
-    size = (*values.shape[:axis], length, *values.shape[axis + 1 :])
-    result = torch.zeros(size, dtype=values.dtype, device=values.device)
-    described = fir_kernels.Axis()
-    described.up, described.down, described.pad, described.taps = by.up, by.down, by.pad, len(by.taps)
-    described.length, described.new_length = values.shape[axis], length
-    described.inner = inner // 2 if is_pairs else inner
-    described.mirrored = int(by.mirrored)
-    described.finish = PLAIN if activation is None else ACTIVATE if gate is None else GATE
-    described.gain, described.slope = by.gain, 0.0 if activation is None else activation
-    arrays = [_words(each) if is_pairs else kernels.array(each.view(-1)) for each in (values, values, result)]
-    if gate is not None:
-        flat = gate.contiguous()
-        arrays[1] = _words(flat) if is_pairs else kernels.array(flat.view(-1))
-    kernel = fir_kernels.filter_pairs if is_pairs else fir_kernels.filter_floats
-    count = result.numel() // (2 if is_pairs else 1)
-    kernels.launch_split(kernel, count, [kernels.array(by.taps), described, *arrays], values.device)
+    result = values.new_zeros((*shape[:axis], length, *shape[axis + 1 :]))
+    finish = PLAIN if activation is None else ACTIVATE if gate is None else GATE
+    described = _described(
+        (by.up, by.down, by.pad, len(by.taps), by.mirrored, by.gain),
+        (shape[axis], length, inner // together),
+        (finish, activation or 0.0),
+    )
+    kernel = fir_kernels.filter_fours if together == FOUR else fir_kernels.filter_floats
+    arrays = [_words(each) for each in (values, values if gate is None else gate.contiguous(), result)]
+    inputs = [kernels.array(by.taps), described, *arrays]
+    kernels.launch_split(kernel, result.numel() // together, inputs, values.device)
     return result
 
 
+@functools.lru_cache(maxsize=1024)
+def _described(by: tuple[int, int, int, int, bool, float], sizes: tuple[int, int, int], end: tuple[int, float]) -> Any:
+    """The kernel's description of a filter and an axis; setting its members takes the host longer than the launch."""
+    axis = fir_kernels.Axis()
+    axis.up, axis.down, axis.pad, axis.taps, mirrored, axis.gain = by
+    axis.origin, axis.turn = (axis.taps - 1, -1) if mirrored else (0, 1)
+    axis.length, axis.new_length, axis.inner = sizes
+    axis.finish, axis.slope = end
+    return axis
+
+
 def _words(values: Tensor) -> Any:
-    """Pairs of bfloat16 as 32-bit numbers."""
-    return kernels.array(values.view(-1).view(torch.int32), wp.uint32)
+    """All values; four of bfloat16 as one number."""
+    flat = values.view(-1)
+    return kernels.array(flat) if values.dtype == torch.float32 else kernels.array(flat.view(torch.int64), wp.uint64)

@@ -6,6 +6,7 @@ differentiated), so its gradient goes to those two ends and to nothing hidden.
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 import warp as wp
@@ -13,7 +14,7 @@ from jaxtyping import Float, Float32, Int32, Int64
 from torch import Tensor
 
 from neural_strands.foundation import kernels
-from neural_strands.foundation.devices.late_number import LateNumber
+from neural_strands.foundation.devices.late_numbers import LateNumbers
 from neural_strands.raster.kernels import fragments as fragment_kernels
 from neural_strands.raster.kernels import nodes as node_kernels
 from neural_strands.raster.lines import LineBuffer
@@ -43,6 +44,13 @@ class MarkedNodes:
     room: int
 
 
+class Room(NamedTuple):
+    """How many visible points and nodes there is room for, so that the host need not wait for their numbers."""
+
+    points: int
+    nodes: int
+
+
 @dataclass(frozen=True)
 class VisiblePoints:
     """Points on strands that pixels see, in the order of the pixels.
@@ -55,7 +63,7 @@ class VisiblePoints:
         world: position in world metres; its gradient goes to both ends of the segment.
         per_strand: number of segments of a strand.
         knots: parameters of the strands' points; None: evenly spaced.
-        found: number of points, or of their nodes if these are more, if there was room for a fixed one: the last of
+        found: number of points, and of nodes where these are marked, if there was room for fixed ones: the last of
             these points may have the weight 0, or else points may be missing.
         marked: where there are nodes around these points (`raster.nodes`); None on the CPU.
     """
@@ -67,7 +75,7 @@ class VisiblePoints:
     world: Float[Tensor, "visible 3"]
     per_strand: int
     knots: Float[Tensor, "strand point"] | None = None
-    found: LateNumber | None = None
+    found: LateNumbers | None = None
     marked: "MarkedNodes | None" = None
 
     @functools.cached_property
@@ -96,7 +104,7 @@ def visible_points(
     points: Float[Tensor, "strand point 3"],
     factor: int = 1,
     t: Float[Tensor, "strand point"] | None = None,
-    room: int | None = None,
+    room: Room | None = None,
 ) -> VisiblePoints:
     """Turn a line buffer into points on the strands from which it was drawn.
 
@@ -106,8 +114,7 @@ def visible_points(
         factor: line pixels per image pixel; those of one image pixel that see the same part of a strand become one
             point, at their mean position.
         t: parameter of every point (`Strands.t`), interpolated at visible points; None: evenly spaced.
-        room: number of points in the result, and of nodes around them, so that the host need not wait for it; None:
-            as many as are seen.
+        room: number of points in the result, and of nodes around them; None: as many as are seen.
 
     Raises:
         ValueError: the buffer's sides are not multiples of the factor.
@@ -175,25 +182,25 @@ def _marked_nodes(buffer: LineBuffer, points: Float[Tensor, "strand point 3"]) -
 
 
 def _parts(
-    buffer: LineBuffer, per_strand: int, factor: int, room: int | None, marks: Int32[Tensor, " place"] | None
+    buffer: LineBuffer, per_strand: int, factor: int, room: Room | None, marks: Int32[Tensor, " place"] | None
 ) -> tuple[
     Int64[Tensor, " visible"],
     Int64[Tensor, " visible"],
     Float32[Tensor, " visible"],
     Float32[Tensor, " visible"],
-    LateNumber | None,
+    LateNumbers | None,
     MarkedNodes | None,
 ]:
     """Parts of strands that image pixels see: pixel, segment, position on the segment, number of line pixels.
 
-    Then their number, if there is room for a fixed one, and the nodes, if they are marked.
+    Then the numbers, if there is room for fixed ones, and the nodes, if they are marked.
     """
     number = None if marks is None else marks.cumsum(0, dtype=torch.int32)
     if factor == 1 and room is None:
         pixel = torch.nonzero(buffer.segment.view(-1) >= 0).squeeze(1)
         segment, position = (plane.view(-1).index_select(0, pixel) for plane in (buffer.segment, buffer.position))
-        marked = None if marks is None or number is None else MarkedNodes(marks, number, _last(number))
-        return pixel, segment, position, torch.ones_like(position), None, marked
+        nodes = sum([] if number is None else number[-1:].tolist())
+        return pixel, segment, position, torch.ones_like(position), None, _marked(marks, number, nodes)
     height, width = (side // factor for side in buffer.segment.shape)
     if (height * factor, width * factor) != tuple(buffer.segment.shape):
         raise ValueError(f"a line buffer of {tuple(buffer.segment.shape)} has no whole pixels of {factor} x {factor}")
@@ -202,22 +209,19 @@ def _parts(
     count = torch.zeros(height * width, dtype=torch.int32, device=device)
     kernels.launch_split(fragment_kernels.count_parts, len(count), [segment, *sizes, kernels.array(count)], device)
     end = count.cumsum(0, dtype=torch.int32)
-    found, size, nodes = None, room or 0, room or 0
-    if room is not None:
-        found = LateNumber(end[-1] if number is None or not len(number) else torch.maximum(end[-1], number[-1]))
-    elif number is None or not len(number):
-        size = int(end[-1])
-    else:
-        # One wait for both numbers.
-        size, nodes = torch.stack([end[-1], number[-1]]).tolist()
+    last = end[-1:] if number is None else torch.cat([end[-1:], number[-1:]])
+    # One wait for both numbers, if any.
+    size, *nodes = last.tolist() if room is None else room
+    found = None if room is None else LateNumbers(last)
     pixels, segments = (torch.zeros(size, dtype=torch.int64, device=device) for _ in range(2))
     positions, weights = (torch.zeros(size, dtype=torch.float32, device=device) for _ in range(2))
     outputs = [kernels.array(plane) for plane in (count, end - count, pixels, segments, positions, weights)]
     inputs = [segment, kernels.array(buffer.position), *sizes, size, *outputs]
     kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
-    marked = None if marks is None or number is None else MarkedNodes(marks, number, nodes)
-    return pixels, segments, positions, weights, found, marked
+    return pixels, segments, positions, weights, found, _marked(marks, number, sum(nodes))
 
 
-def _last(number: Int32[Tensor, " place"]) -> int:
-    return int(number[-1]) if len(number) else 0
+def _marked(
+    marks: Int32[Tensor, " place"] | None, number: Int32[Tensor, " place"] | None, room: int
+) -> MarkedNodes | None:
+    return None if marks is None or number is None else MarkedNodes(marks, number, room)

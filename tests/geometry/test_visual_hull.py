@@ -46,7 +46,7 @@ def test_points_seen_beside_the_mask_are_dropped_unless_the_head_hides_them(gene
     assert 0.1 < expected[sure].mean() < 0.9
 
 
-def test_nodes_and_points_are_carved_alike(device, generator: torch.Generator):
+def test_nodes_and_points_are_carved_alike(device, generator: torch.Generator, request):
     grid = VoxelGrid((-0.3, -0.25, -0.2), 0.04, (15, 13, 11))
     masks = [torch.rand(48, 60, generator=generator) < 0.9 for _ in range(3)]
     index = MeshIndex(wall(0.05).to(device))
@@ -57,7 +57,9 @@ def test_nodes_and_points_are_carved_alike(device, generator: torch.Generator):
     within = torch.rand(grid.shape, generator=generator) < 0.7
     hull = visual_hull(grid, iter(silhouettes), within.to(device)).cpu()
     possible = possible_points(grid.nodes(device).reshape(-1, 3), silhouettes).cpu().reshape(grid.shape)
-    assert torch.equal(hull, possible & within)
+    # A GPU rounds the nodes of the kernel and those of torch differently, and some lie on the border of a pixel.
+    is_real = request.node.callspec.params["device"] == "cuda"
+    assert (hull != (possible & within)).float().mean() <= (0.01 if is_real else 0)
     assert 0.1 < hull.float().mean() < 0.6
 
 

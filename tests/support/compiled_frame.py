@@ -16,8 +16,9 @@ from torch.fx import GraphModule
 from neural_strands.geometry.cameras import Camera
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import hair_volume
+from neural_strands.raster.visible import Room
 
-ROOM = 8192
+ROOM = Room(8192, 8192)
 
 
 class Graphs:
@@ -58,7 +59,7 @@ def frame_report(backend: Any) -> dict[str, float]:
     strands = model.decode()
     volume = hair_volume(strands.points)
 
-    def frame(points: Tensor, room: int | None = ROOM) -> tuple[Tensor, Tensor]:
+    def frame(points: Tensor, room: Room | None = ROOM) -> tuple[Tensor, Tensor]:
         hair = replace(strands, points=points)
         output = model.render(hair, camera, volume=volume, photographed=True, room=room)
         return output.rgb, output.alpha

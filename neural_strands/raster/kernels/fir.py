@@ -1,6 +1,6 @@
 """Kernels of one-dimensional filters along one axis, with zeros put between samples or samples left out.
 
-Each thread computes one output, or two neighbouring ones in bfloat16. The sums are in float32.
+Each thread computes one output, or four neighbouring ones in bfloat16. The sums are in float32.
 
 Warp compiles these functions from their source. Its array types mean nothing to Python's type checkers, so the code is
 not type-checked.
@@ -32,8 +32,9 @@ class Axis:
         taps: number of coefficients.
         length: number of inputs along the axis.
         new_length: number of outputs.
-        inner: number of values between neighbours along the axis; for the kernel of bfloat16, of pairs.
-        mirrored: 1 if the coefficients are read from the last to the first.
+        inner: number of values between neighbours along the axis; for the kernel of bfloat16, of fours.
+        origin: place of the first coefficient.
+        turn: 1, or -1 if the coefficients are read from the last to the first.
         finish: `PLAIN`, `ACTIVATE` or `GATE`.
         gain: factor of the sums.
         slope: of leaky ReLU for negative values.
@@ -46,19 +47,11 @@ class Axis:
     length: int
     new_length: int
     inner: int
-    mirrored: int
+    origin: int
+    turn: int
     finish: int
     gain: float
     slope: float
-
-
-@wp.func
-@no_type_check
-def coefficient(weights: wp.array[float], axis: Axis, place: int) -> float:
-    """The coefficient with that number."""
-    if axis.mirrored == 1:
-        return weights[axis.taps - 1 - place]
-    return weights[place]
 
 
 @wp.func
@@ -75,9 +68,11 @@ def finished(total: float, before: float, axis: Axis) -> float:
 
 @wp.func
 @no_type_check
-def first_input(axis: Axis, start: int) -> int:
+def first_input(axis: Axis, begin: int) -> int:
     """The first input at or after a fine sample."""
-    return wp.max((start + axis.up - 1) // axis.up, 0)
+    if begin <= 0:
+        return 0
+    return (begin + axis.up - 1) // axis.up
 
 
 @wp.kernel(enable_backward=False)
@@ -98,10 +93,12 @@ def filter_floats(
     begin = (row - outer * axis.new_length) * axis.down - axis.pad
     base = outer * axis.length * axis.inner + lane
     total = wp.float32(0.0)
-    j = first_input(axis, begin) if begin > 0 else 0
-    while j < axis.length and j * axis.up - begin < axis.taps:
-        total += coefficient(weights, axis, j * axis.up - begin) * values[base + j * axis.inner]
+    j = first_input(axis, begin)
+    tap = j * axis.up - begin
+    while j < axis.length and tap < axis.taps:
+        total += weights[axis.origin + axis.turn * tap] * values[base + j * axis.inner]
         j += 1
+        tap += axis.up
     before = wp.float32(0.0)
     if axis.finish == _GATE:
         before = gate[item]
@@ -110,16 +107,17 @@ def filter_floats(
 
 @wp.func
 @no_type_check
-def low_half(pair: wp.uint32) -> float:
-    """The first of two bfloat16 as float32."""
-    return wp.cast(pair << wp.uint32(16), float)
-
-
-@wp.func
-@no_type_check
-def high_half(pair: wp.uint32) -> float:
-    """The second of two bfloat16 as float32."""
-    return wp.cast((pair >> wp.uint32(16)) << wp.uint32(16), float)
+def as_floats(four: wp.uint64) -> wp.vec4:
+    """Four bfloat16 as float32."""
+    low = wp.uint32(four)
+    high = wp.uint32(four >> wp.uint64(32))
+    half = wp.uint32(16)
+    return wp.vec4(
+        wp.cast(low << half, float),
+        wp.cast((low >> half) << half, float),
+        wp.cast(high << half, float),
+        wp.cast((high >> half) << half, float),
+    )
 
 
 @wp.func
@@ -132,33 +130,33 @@ def rounded(value: float) -> wp.uint32:
 
 @wp.kernel(enable_backward=False)
 @no_type_check
-def filter_pairs(
+def filter_fours(
     start: int,
     weights: wp.array[float],
     axis: Axis,
-    values: wp.array[wp.uint32],
-    gate: wp.array[wp.uint32],
-    result: wp.array[wp.uint32],
+    values: wp.array[wp.uint64],
+    gate: wp.array[wp.uint64],
+    result: wp.array[wp.uint64],
 ) -> None:
-    """Compute two neighbouring outputs in bfloat16, which pass through memory as one number."""
+    """Compute four neighbouring outputs in bfloat16, which pass through memory as one number."""
     item = start + wp.tid()
     row = item // axis.inner
     lane = item - row * axis.inner
     outer = row // axis.new_length
     begin = (row - outer * axis.new_length) * axis.down - axis.pad
     base = outer * axis.length * axis.inner + lane
-    low = wp.float32(0.0)
-    high = wp.float32(0.0)
-    j = first_input(axis, begin) if begin > 0 else 0
-    while j < axis.length and j * axis.up - begin < axis.taps:
-        weight = coefficient(weights, axis, j * axis.up - begin)
-        pair = values[base + j * axis.inner]
-        low += weight * low_half(pair)
-        high += weight * high_half(pair)
+    total = wp.vec4()
+    j = first_input(axis, begin)
+    tap = j * axis.up - begin
+    while j < axis.length and tap < axis.taps:
+        total += weights[axis.origin + axis.turn * tap] * as_floats(values[base + j * axis.inner])
         j += 1
-    before = wp.uint32(0)
+        tap += axis.up
+    before = wp.vec4()
     if axis.finish == _GATE:
-        before = gate[item]
-    low = finished(low, low_half(before), axis)
-    high = finished(high, high_half(before), axis)
-    result[item] = rounded(low) | (rounded(high) << wp.uint32(16))
+        before = as_floats(gate[item])
+    low = rounded(finished(total[0], before[0], axis)) | (rounded(finished(total[1], before[1], axis)) << wp.uint32(16))
+    high = rounded(finished(total[2], before[2], axis)) | (
+        rounded(finished(total[3], before[3], axis)) << wp.uint32(16)
+    )
+    result[item] = wp.uint64(low) | (wp.uint64(high) << wp.uint64(32))
