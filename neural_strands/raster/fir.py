@@ -127,7 +127,9 @@ def _run(
 ) -> Tensor:
     """Run the kernel; with `gate`, the sums are multiplied by the slope `activation` where it is negative."""
     axis %= values.ndim
-    if values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last):
+    if values.ndim == 4 and values.stride(1) == 1 < values.shape[1]:
+        # Gradients of some of the channels are not contiguous, but their channels are still last.
+        values = values.contiguous(memory_format=torch.channels_last)
         order = (0, 2, 3, 1)
         inside = None if gate is None else gate.permute(order)
         place = order.index(axis)

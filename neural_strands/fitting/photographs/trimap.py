@@ -6,10 +6,10 @@ from typing import Annotated
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
-from torch.nn import functional
 
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.rectangle import Rectangle
+from neural_strands.raster.dilation import dilate
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,3 @@ def trimap_of_part(lines: Bool[Tensor, "height width"], place: Rectangle, config
     interior = ~dilate(~dilate(lines, first), second)
     part = Rectangle(place.left - left, place.top - top, place.width, place.height).of
     return Trimap(part(interior).to(torch.float32), part(interior | ~covered))
-
-
-def dilate(mask: Bool[Tensor, "height width"], radius: int) -> Bool[Tensor, "height width"]:
-    """Grow a mask by a disc of `radius` pixels; the area beyond the border is empty."""
-    if radius < 1:
-        return mask
-    offsets = torch.arange(-radius, radius + 1, device=mask.device)
-    disc = (offsets[:, None].square() + offsets[None].square() <= radius * radius).to(torch.float32)
-    hits = functional.conv2d(mask[None, None].to(torch.float32), disc[None, None], padding=radius)
-    return hits[0, 0] > 0.5

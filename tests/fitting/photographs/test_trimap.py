@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from neural_strands.fitting.photographs.trimap import TrimapConfig, dilate, reference_alpha, trimap_of_part
+from neural_strands.fitting.photographs.trimap import TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.geometry.rectangle import Rectangle
 
 
@@ -14,13 +14,6 @@ def make_trimap(lines, config):
 def disc(radius, side=101):
     offset = torch.arange(side) - side // 2
     return (offset[:, None].square() + offset.square()).sqrt() <= radius
-
-
-def test_dilating_a_disc_gives_a_larger_disc():
-    grown = dilate(disc(20), 6)
-    assert grown[disc(25)].all()
-    assert not grown[~disc(27)].any()
-    assert torch.equal(dilate(disc(20), 0), disc(20))
 
 
 def test_trimap_is_sure_inside_and_outside_and_silent_between():
