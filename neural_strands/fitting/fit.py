@@ -129,7 +129,6 @@ def fit(
             for row in figures.read():
                 after_step(state, row)
 
-    state.model.graphed_unet.in_turn = True
     try:
         while state.step < config.steps:
             # A fit interrupted within a step would repeat part of it when resumed.
@@ -138,7 +137,6 @@ def fit(
                 if figures is not None and figures.due:
                     tell()
     finally:
-        state.model.graphed_unet.in_turn = False
         tell()
 
 

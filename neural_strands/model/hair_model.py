@@ -31,7 +31,6 @@ from neural_strands.model.compositing import (
     weighted_gradient,
 )
 from neural_strands.model.grain import Grain
-from neural_strands.model.graphed_unet import GraphedUNet
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import LightChange
 from neural_strands.model.outputs import Drawing, HairImage, RenderOutput
@@ -127,7 +126,6 @@ class HairModel(nn.Module):
         self.textures = ScalpTextures(config.textures)
         self.generator = generator.requires_grad_(False)
         self.unet = UNet(config.descriptor_channels, config.unet, random)
-        self.graphed_unet = GraphedUNet(self.unet)
         self.shading = PointShading(config.textures.appearance_channels, config.shading, random)
         self.grain = Grain()
         self.body = Body(body, config.surround)
@@ -327,9 +325,8 @@ class HairModel(nn.Module):
             # Channels-last memory, the fastest layout for convolutions.
             joined = torch.cat([part.bfloat16() if rounded else part for part in parts], dim=2)
             pyramid.append(joined.permute(2, 0, 1)[None])
-        # Nothing is cached between calls, because a graph repeats the rounding of the weights.
-        with torch.autocast(device, torch.bfloat16, enabled=half, cache_enabled=False):
-            raw = self.graphed_unet(pyramid)
+        with torch.autocast(device, torch.bfloat16, enabled=half):
+            raw = self.unet(pyramid)
         return raw[0].permute(1, 2, 0).float() + _uncorrected(maps)
 
     def _pixel_channels(

@@ -324,14 +324,8 @@ class _HashGrid(wp.HashGrid):
 class _Autocast(torch.autocast):
     """Autocast of the device is that of the CPU: the same kind of operations in bfloat16."""
 
-    def __init__(
-        self,
-        device_type: str,
-        dtype: torch.dtype | None = None,
-        enabled: bool = True,
-        cache_enabled: bool | None = None,
-    ) -> None:
-        super().__init__("cpu", dtype, enabled, cache_enabled)
+    def __init__(self, device_type: str, dtype: torch.dtype | None = None, enabled: bool = True) -> None:
+        super().__init__("cpu", dtype, enabled)
 
 
 def _run_backward(*args: Any, **kwargs: Any) -> Any:
