@@ -1,13 +1,13 @@
 """Runs everything that needs a GPU, in parts of less than nine minutes: `benchmarks/gpu.sh OUT [CAPTURE]`.
 
 The parts, in order: tests that compare the device with the CPU; the speed of frames, of the prior, of a fit's step, and
-of line drawing compared with OpenGL; a synthetic capture, unless CAPTURE names one; stereo; the `paper` preset and its
-scores; splats of the same photographs by gsplat and OpenSplat, if `--gsplat` names gsplat's trainer and `--opensplat`
-the other program (see benchmarks/rivals). A call ends after `--seconds` with status 75, and the same command resumes,
-the fit from its checkpoint. OUT contains a JSON file and a log per part, and `results.md` with tables in the form of
-docs/results.md. Status 1 means that a part has failed; remove its `.failed.json` to retry it. Status 2 means that the
-machine lacks something that one sentence names. `--device cpu --quick` runs tiny versions of all parts within minutes
-on any machine.
+of line drawing compared with OpenGL; a drawn capture, unless CAPTURE names one; stereo; the `paper` preset and its
+scores, of which those of a drawn capture's pictures mean little; splats of the same photographs by gsplat and
+OpenSplat, if `--gsplat` names gsplat's trainer and `--opensplat` the other program (see benchmarks/rivals). A call ends
+after `--seconds` with status 75, and the same command resumes, the fit from its checkpoint. OUT contains a JSON file
+and a log per part, and `results.md` with tables in the form of docs/results.md. Status 1 means that a part has failed;
+remove its `.failed.json` to retry it. Status 2 means that the machine lacks something that one sentence names.
+`--device cpu --quick` runs tiny versions of all parts within minutes on any machine.
 """
 
 import argparse
@@ -31,7 +31,18 @@ GO_ON = 75
 """Exit status when the time is up: EX_TEMPFAIL."""
 UNREADY = 2
 """Exit status if this machine lacks something."""
-PACKAGES = ("torch", "warp", "tyro", "trimesh", "pytest", "pytest_timeout", "beartype", "hypothesis")
+PACKAGES = (
+    "torch",
+    "warp",
+    "tyro",
+    "trimesh",
+    "pxr",
+    "flip_evaluator",
+    "pytest",
+    "pytest_timeout",
+    "beartype",
+    "hypothesis",
+)
 """Packages without which parts fail."""
 NO_TESTS = 5
 """pytest's status if no test in a folder uses the device."""
@@ -76,11 +87,12 @@ def parts(options: argparse.Namespace) -> list[Part]:
     def speed(name: str, *words: str) -> list[str]:
         return [f"benchmarks/speed/{name}.py", "--device", device, *words]
 
+    chosen = ["-m", "gpu"] if device == "cuda" else ["-k", device]
     folders = ["tests/raster/test_splat.py"] if quick else [f"tests/{name}" for name in TESTS]
     found = [
         Part(
             f"parity_{Path(path).stem}",
-            ["-m", "pytest", "-q", "-p", "no:cacheprovider", path, "-k", device],
+            ["-m", "pytest", "-q", "-p", "no:cacheprovider", path, "-o", "filterwarnings=default", *chosen],
             said,
             (0, NO_TESTS),
         )
@@ -95,10 +107,8 @@ def parts(options: argparse.Namespace) -> list[Part]:
     found.append(Part("step", speed("fit_step", *step, "--no-twins", "--no-grow"), said))
     found.append(Part("lines", speed("lines", *(["--repeats", "5"] if quick else [])), said))
     if options.capture is None:
-        words = ["--views", "60", "--resolution", "1024", "--strands", "30000"]
         made = ["-c", TINY_CAPTURE, str(ROOT / "tests" / "support"), str(out)]
-        full = ["-m", "neural_strands", "synthesize", str(capture), *words]
-        found.append(Part("capture", made if quick else full, said, goes_on=not quick))
+        found.append(Part("capture", made if quick else speed("drawn_capture", str(capture)), said))
     found.append(Part("lmvs", speed("lmvs", str(capture), str(out / "lmvs"), "--keep"), said, goes_on=True))
     fit = ["-m", "neural_strands", "fit", str(capture), str(run), "--resume", "--json", "--device", device]
     settings = ["--preset", "demo", "--steps", "4", "--strands", "300"] if quick else ["--preset", "paper"]
@@ -181,8 +191,7 @@ def run(part: Part, out: Path, seconds: float, whole: bool) -> bool:
 
 def unready(options: argparse.Namespace) -> str | None:
     """A sentence about what this machine lacks, so that no part is begun in vain; None if everything is there."""
-    needed = [*PACKAGES, *(["mitsuba"] if options.capture is None and not options.quick else [])]
-    missing = [name for name in needed if importlib.util.find_spec(name) is None]
+    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         return (
             f"{sys.executable}: expected a Python with the packages of this project, found none of "

@@ -96,12 +96,10 @@ def test_a_machine_that_lacks_something_is_told_before_any_part(gpu, tmp_path, m
         assert gpu.main() == 2
         assert "expected a GPU that torch" in capsys.readouterr().err
     found = importlib.util.find_spec
-    monkeypatch.setattr(
-        gpu.importlib.util, "find_spec", lambda name: None if name in ("warp", "mitsuba") else found(name)
-    )
+    monkeypatch.setattr(gpu.importlib.util, "find_spec", lambda name: None if name in ("warp", "pxr") else found(name))
     monkeypatch.setattr(sys, "argv", [*words, "--device", "cpu"])
     assert gpu.main() == 2
-    assert "found none of warp, mitsuba; run `pip install" in capsys.readouterr().err
+    assert "found none of warp, pxr; run `pip install" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

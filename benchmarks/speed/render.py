@@ -139,7 +139,8 @@ def stages(model: HairModel, camera: Camera) -> dict[str, Callable[[], object]]:
         "splat": splatted,
         "unet": lambda: model.generate(maps, camera),
         "static_frame": lambda: renderer.render(camera),
-        "dynamic_frame": lambda: HairRenderer.of(model).render(camera),
+        # With the room of the frame before, as wherever strands move.
+        "dynamic_frame": lambda: replace(HairRenderer.of(model), room=renderer.room).render(camera),
     }
 
 

@@ -18,7 +18,7 @@ def by_definition(values: torch.Tensor, by: Filter, axis: int, length: int) -> t
             place = j * by.up - i * by.down + by.pad
             if 0 <= place < len(taps):
                 matrix[i, j] = by.gain * taps[place]
-    return torch.tensordot(matrix.to(values), values, dims=([1], [axis])).movedim(0, axis)
+    return (values.movedim(axis, -1) @ matrix.to(values).T).movedim(-1, axis)
 
 
 def gradient(picture: torch.Tensor, given: torch.Tensor) -> torch.Tensor:
