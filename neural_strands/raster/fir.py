@@ -48,9 +48,7 @@ class Filter:
         return replace(self, up=self.down, down=self.up, pad=pad, mirrored=not self.mirrored)
 
 
-def filtered(
-    values: Float[Tensor, "*size"], by: Filter, axis: int, length: int, activation: float | None = None
-) -> Float[Tensor, "*new_size"]:
+def filtered(values: Float[Tensor, "*size"], by: Filter, axis: int, length: int) -> Float[Tensor, "*new_size"]:
     """Filter along one axis; values beyond its ends are zero.
 
     Args:
@@ -58,27 +56,21 @@ def filtered(
         by: the filter.
         axis: which axis.
         length: number of outputs along it.
-        activation: slope of a leaky ReLU that follows; None: nothing follows.
     """
-    return _Filtered.apply(values, by, axis, length, activation)
+    return _Filtered.apply(values, by, axis, length)
 
 
 class _Filtered(torch.autograd.Function):
     """`filtered`, with gradients to the values."""
 
     @staticmethod
-    def forward(ctx: Any, values: Tensor, by: Filter, axis: int, length: int, activation: float | None) -> Tensor:
-        result = _run(values, by, axis, length, activation)
-        ctx.by, ctx.axis, ctx.length, ctx.activation = by, axis, values.shape[axis], activation
-        ctx.save_for_backward(*(() if activation is None else (result,)))
-        return result
+    def forward(ctx: Any, values: Tensor, by: Filter, axis: int, length: int) -> Tensor:
+        ctx.by, ctx.axis, ctx.length = by, axis, values.shape[axis]
+        return _run(values, by, axis, length)
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None, None]:
-        gradient = gradients[0]
-        if ctx.activation is not None:
-            gradient = torch.where(ctx.saved_tensors[0] < 0, ctx.activation * gradient, gradient)
-        return _run(gradient, ctx.by.adjoint(), ctx.axis, ctx.length), None, None, None, None
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None]:
+        return _run(gradients[0], ctx.by.adjoint(), ctx.axis, ctx.length), None, None, None
 
 
 def activated_at_twice(
@@ -125,7 +117,10 @@ class _ActivatedAtTwice(torch.autograd.Function):
 def _run(
     values: Tensor, by: Filter, axis: int, length: int, activation: float | None = None, gate: Tensor | None = None
 ) -> Tensor:
-    """Run the kernel; with `gate`, the sums are multiplied by the slope `activation` where it is negative."""
+    """Run the kernel.
+
+    A leaky ReLU of slope `activation` follows, if there is one; with `gate`, what it returned, its gradient follows.
+    """
     axis %= values.ndim
     if values.ndim == 4 and values.stride(1) == 1 < values.shape[1]:
         # Gradients of some of the channels are not contiguous, but their channels are still last.

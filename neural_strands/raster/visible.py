@@ -5,7 +5,7 @@ differentiated), so its gradient goes to those two ends and to nothing hidden.
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -41,7 +41,12 @@ class MarkedNodes:
 
     marks: Int32[Tensor, " place"]
     number: Int32[Tensor, " place"]
-    room: int
+    room: int = 0
+
+    @property
+    def total(self) -> Int32[Tensor, "1"]:
+        """Number of nodes, on the device."""
+        return self.number[-1:] if len(self.number) else self.number.new_zeros(1)
 
 
 class Room(NamedTuple):
@@ -120,8 +125,12 @@ def visible_points(
         ValueError: the buffer's sides are not multiples of the factor.
     """
     segments = points.shape[1] - 1
-    marks = None if _counts_on_host(points) else _marked_nodes(buffer, points)
-    *parts, found, marked = _parts(buffer, segments, factor, room, marks)
+    if room is not None and not len(points):
+        room = Room(0, 0)  # No strand that parts without weight could lie on.
+    marked = None if _counts_on_host(points) else _marked_nodes(buffer, points)
+    nodes = buffer.segment.new_zeros(0, dtype=torch.int32) if marked is None else marked.total
+    *parts, found, for_nodes = _parts(buffer, segments, factor, room, nodes)
+    marked = None if marked is None else replace(marked, room=for_nodes)
     pixel, segment, position, weight = parts
     start = segment + torch.div(segment, segments, rounding_mode="floor")
     world = _blend_ends(points, start, position)
@@ -171,36 +180,41 @@ def node_settings(points: Float[Tensor, "strand point 3"]) -> list:
     return [kernels.array(points.float().reshape(-1, 3), wp.vec3), per_strand, stride, STRAIGHT]
 
 
-def _marked_nodes(buffer: LineBuffer, points: Float[Tensor, "strand point 3"]) -> Int32[Tensor, " place"]:
-    """1 for every point that is a node around what line pixels see."""
+def _marked_nodes(buffer: LineBuffer, points: Float[Tensor, "strand point 3"]) -> MarkedNodes:
+    """The nodes around what line pixels see."""
     strands, per_strand, _ = points.shape
     marks = kernels.zeros((strands * per_strand,), torch.int32, points.device)
     seen = [kernels.array(buffer.segment.view(-1)), kernels.array(buffer.position.view(-1))]
     inputs = [*seen, *node_settings(points), kernels.array(marks)]
     kernels.launch_split(node_kernels.mark_seen, buffer.segment.numel(), inputs, points.device)
-    return marks
+    return MarkedNodes(marks, marks.cumsum(0, dtype=torch.int32))
 
 
 def _parts(
-    buffer: LineBuffer, per_strand: int, factor: int, room: Room | None, marks: Int32[Tensor, " place"] | None
+    buffer: LineBuffer, per_strand: int, factor: int, room: Room | None, nodes: Int32[Tensor, " number"]
 ) -> tuple[
     Int64[Tensor, " visible"],
     Int64[Tensor, " visible"],
     Float32[Tensor, " visible"],
     Float32[Tensor, " visible"],
     LateNumbers | None,
-    MarkedNodes | None,
+    int,
 ]:
     """Parts of strands that image pixels see: pixel, segment, position on the segment, number of line pixels.
 
-    Then the numbers, if there is room for fixed ones, and the nodes, if they are marked.
+    Then the numbers of parts and nodes, if there is room for fixed ones, and the number of nodes or the room for them.
+
+    Args:
+        buffer: the line pixels.
+        per_strand: number of segments of a strand.
+        factor: line pixels for each image pixel, along each axis.
+        room: for how many parts and nodes there is room.
+        nodes: number of nodes; empty if it is not needed.
     """
-    number = None if marks is None else marks.cumsum(0, dtype=torch.int32)
     if factor == 1 and room is None:
         pixel = torch.nonzero(buffer.segment.view(-1) >= 0).squeeze(1)
         segment, position = (plane.view(-1).index_select(0, pixel) for plane in (buffer.segment, buffer.position))
-        nodes = sum([] if number is None else number[-1:].tolist())
-        return pixel, segment, position, torch.ones_like(position), None, _marked(marks, number, nodes)
+        return pixel, segment, position, torch.ones_like(position), None, sum(nodes.tolist())
     height, width = (side // factor for side in buffer.segment.shape)
     if (height * factor, width * factor) != tuple(buffer.segment.shape):
         raise ValueError(f"a line buffer of {tuple(buffer.segment.shape)} has no whole pixels of {factor} x {factor}")
@@ -209,19 +223,13 @@ def _parts(
     count = torch.zeros(height * width, dtype=torch.int32, device=device)
     kernels.launch_split(fragment_kernels.count_parts, len(count), [segment, *sizes, kernels.array(count)], device)
     end = count.cumsum(0, dtype=torch.int32)
-    last = end[-1:] if number is None else torch.cat([end[-1:], number[-1:]])
-    # One wait for both numbers, if any.
-    size, *nodes = last.tolist() if room is None else room
-    found = None if room is None else LateNumbers(last)
+    # One answer for both numbers.
+    last = torch.cat([end[-1:], nodes])
+    size, *for_nodes = last.tolist() if room is None else room
     pixels, segments = (torch.zeros(size, dtype=torch.int64, device=device) for _ in range(2))
     positions, weights = (torch.zeros(size, dtype=torch.float32, device=device) for _ in range(2))
     outputs = [kernels.array(plane) for plane in (count, end - count, pixels, segments, positions, weights)]
     inputs = [segment, kernels.array(buffer.position), *sizes, size, *outputs]
     kernels.launch_split(fragment_kernels.gather_parts, len(count), inputs, device)
-    return pixels, segments, positions, weights, found, _marked(marks, number, sum(nodes))
-
-
-def _marked(
-    marks: Int32[Tensor, " place"] | None, number: Int32[Tensor, " place"] | None, room: int
-) -> MarkedNodes | None:
-    return None if marks is None or number is None else MarkedNodes(marks, number, room)
+    found = None if room is None else LateNumbers(last)
+    return pixels, segments, positions, weights, found, sum(for_nodes)

@@ -98,6 +98,14 @@ def test_room_that_is_not_needed_changes_nothing(supersample, is_broken):
     torch.testing.assert_close(roomy.alpha, exact.alpha, atol=1e-6, rtol=0)
 
 
+def test_a_head_without_hair_is_rendered(device):
+    renderer = HairRenderer.of(tiny_hair_model().to(device))
+    none = torch.zeros(0, dtype=torch.int64, device=device)
+    output = replace(renderer, strands=renderer.strands.select(none)).render(view())
+    assert torch.isfinite(output.rgb.cpu()).all()
+    assert output.coverage.cpu().max() == 0
+
+
 def test_the_host_looks_after_everything_is_queued(emulated, monkeypatch):
     model = tiny_hair_model()
     model.config = replace(model.config, mixed_precision=False)
