@@ -27,7 +27,7 @@ class Filter:
     """A filter and how it samples: output i is the sum over inputs j of taps[j * up - i * down + pad] * input[j].
 
     Attributes:
-        taps: coefficients, float32.
+        taps: coefficients.
         up: fine samples per input.
         down: fine samples per output.
         pad: fine samples before the first input at which the first output begins.
@@ -52,7 +52,7 @@ def filtered(values: Float[Tensor, "*size"], by: Filter, axis: int, length: int)
     """Filter along one axis; values beyond its ends are zero.
 
     Args:
-        values: float32 or bfloat16; images in channels-last memory stay in it.
+        values: the result has their type, and is computed in float32; images in channels-last memory stay in it.
         by: the filter.
         axis: which axis.
         length: number of outputs along it.
@@ -152,7 +152,7 @@ def _run_flat(
     )
     kernel = fir_kernels.filter_fours if together == FOUR else fir_kernels.filter_floats
     arrays = [_words(each) for each in (values, values if gate is None else gate.contiguous(), result)]
-    inputs = [kernels.array(by.taps), described, *arrays]
+    inputs = [kernels.array(by.taps.float()), described, *arrays]
     kernels.launch_split(kernel, result.numel() // together, inputs, values.device)
     return result
 

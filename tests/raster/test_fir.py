@@ -90,3 +90,12 @@ def test_the_gradient_in_bfloat16_passes_the_activation(generator, device):
     ours = torch.autograd.grad(activated_at_twice(there.float(), taps.to(device), 5, 0.2, 1.4), there, part)[0]
     theirs = torch.autograd.grad(activated_at_twice(there.float(), taps.to(device), 5, 0.2, 1.4), there, whole)[0]
     torch.testing.assert_close(ours.cpu(), theirs.cpu(), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [torch.float64, torch.float16])
+def test_other_types_come_back_as_they_were(generator, device, kind):
+    given, taps = torch.randn(3, 7, generator=generator).to(kind), torch.randn(3, generator=generator).to(kind)
+    found = filtered(given.to(device), Filter(taps.to(device), pad=1), 1, 7).cpu()
+    assert found.dtype == kind
+    expected = by_definition(given.float(), Filter(taps.float(), pad=1), 1, 7)
+    torch.testing.assert_close(found.float(), expected, atol=5e-3 if kind == torch.float16 else 1e-5, rtol=1e-3)
