@@ -98,7 +98,7 @@ class _ActivatedAtTwice(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, images: Tensor, taps: Tensor, pad: int, slope: float, gain: float) -> Tensor:
         height, width = images.shape[2:]
-        up = Filter(taps, up=2, pad=len(taps) - 1 - pad, gain=2.0, mirrored=True)
+        up = Filter(taps, down=2, pad=pad, gain=2.0).adjoint()
         down = Filter(taps, down=2, pad=pad, gain=math.sqrt(gain))
         fine = _run(_run(images, up, 2, 2 * height), up, 3, 2 * width, slope)
         ctx.up, ctx.down, ctx.slope = up, down, slope

@@ -72,7 +72,8 @@ def visible_nodes(visible: VisiblePoints, points: Float[Tensor, "strand point 3"
     device, total = points.device, strands * per_strand
     before = kernels.zeros((len(visible),), torch.int64, device)
     along = kernels.zeros((len(visible),), torch.float32, device)
-    marks, marked = kernels.zeros((total,), torch.int32, device), visible.marked
+    marked = visible.marked
+    marks = kernels.zeros((total if marked is None else 0,), torch.int32, device)
     seen = [kernels.array(visible.segment), kernels.array(visible.position)]
     found = [kernels.array(each) for each in (before, along, marks)]
     kernels.launch_split(node_kernels.mark_nodes, len(visible), [*seen, *node_settings(points), *found], device)

@@ -41,7 +41,7 @@ def upsample(images: Images, kernel: Float[Tensor, " tap"], factor: int = 2) -> 
     """Interpolate to `factor` times as many pixels; `kernel` (even taps, sum one) runs on the fine grid."""
     channel, pad = images.shape[1], _alignment(kernel, factor)
     if images.device.type == "cuda":
-        up = Filter(kernel, up=factor, pad=len(kernel) - 1 - pad, gain=float(factor), mirrored=True)
+        up = Filter(kernel, down=factor, pad=pad, gain=float(factor)).adjoint()
         height, width = images.shape[2:]
         return filtered(filtered(images, up, 2, factor * height), up, 3, factor * width)
     vertical, horizontal = _axes(kernel * factor, images)

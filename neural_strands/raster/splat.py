@@ -175,27 +175,24 @@ def _accumulate(
 ) -> None:
     """Sum weighted features and weights; on the CPU each thread visits all points for its own band of rows."""
     device, channels = features.device, features.shape[1]
-    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts)]
-    if device.type == "cuda":
-        for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
-            inputs = [*points, quads(features), 0.5**level, width, height, quads(sums), kernels.array(weights)]
-            kernels.launch(splat_kernels.accumulate_quads, len(pixels) * max(channels // QUAD, 1), inputs, device)
-        return
-    # One item is a whole point, if possible as a single vector.
-    as_rows = channels == splat_kernels.ROW and not kernels.is_traced(features)
+    on_gpu = device.type == "cuda"
+    # One CUDA thread adds one quad; on the CPU one item is a whole point, if possible as a single vector.
+    as_rows = not on_gpu and channels == splat_kernels.ROW and not kernels.is_traced(features)
     kernel = splat_kernels.accumulate_rows if as_rows else splat_kernels.accumulate
     vectors = _rows if as_rows else quads
     kernels.load(kernel, device)
-    bands = kernels.cpu_threads()
-    run = [] if as_rows else [max(channels // QUAD, 1)]
-    points.append(vectors(features))
+    bands = 1 if on_gpu else kernels.cpu_threads()
+    count = max(channels // QUAD, 1)
+    run = [] if as_rows else [1 if on_gpu else count]
+    items = len(pixels) * (count if on_gpu else 1)
+    points = [kernels.array(pixels, wp.vec2), kernels.array(amounts), vectors(features)]
     jobs = [[] for _ in range(bands)]
     for level, ((height, width), (sums, weights)) in enumerate(zip(sizes, planes, strict=True)):
         outputs = [vectors(sums), kernels.array(weights)]
         for band in range(bands):
             rows = [height * band // bands, height * (band + 1) // bands]
             inputs = [*points, 0.5**level, width, *rows, *run, *outputs]
-            jobs[band].append(functools.partial(kernels.launch, kernel, len(pixels), inputs, device))
+            jobs[band].append(functools.partial(kernels.launch, kernel, items, inputs, device))
     kernels.run_together([functools.partial(_run_all, band) for band in jobs])
 
 

@@ -75,6 +75,16 @@ def first_input(axis: Axis, begin: int) -> int:
     return (begin + axis.up - 1) // axis.up
 
 
+@wp.func
+@no_type_check
+def places(item: int, axis: Axis) -> wp.vec2i:
+    """Of an output, by its number: where the inputs of its line begin, and the fine sample at which its taps begin."""
+    row = item // axis.inner
+    outer = row // axis.new_length
+    base = outer * axis.length * axis.inner + item - row * axis.inner
+    return wp.vec2i(base, (row - outer * axis.new_length) * axis.down - axis.pad)
+
+
 @wp.kernel(enable_backward=False)
 @no_type_check
 def filter_floats(
@@ -87,16 +97,12 @@ def filter_floats(
 ) -> None:
     """Compute one output."""
     item = start + wp.tid()
-    row = item // axis.inner
-    lane = item - row * axis.inner
-    outer = row // axis.new_length
-    begin = (row - outer * axis.new_length) * axis.down - axis.pad
-    base = outer * axis.length * axis.inner + lane
+    place = places(item, axis)
     total = wp.float32(0.0)
-    j = first_input(axis, begin)
-    tap = j * axis.up - begin
+    j = first_input(axis, place[1])
+    tap = j * axis.up - place[1]
     while j < axis.length and tap < axis.taps:
-        total += weights[axis.origin + axis.turn * tap] * values[base + j * axis.inner]
+        total += weights[axis.origin + axis.turn * tap] * values[place[0] + j * axis.inner]
         j += 1
         tap += axis.up
     before = wp.float32(0.0)
@@ -140,23 +146,19 @@ def filter_fours(
 ) -> None:
     """Compute four neighbouring outputs in bfloat16, which pass through memory as one number."""
     item = start + wp.tid()
-    row = item // axis.inner
-    lane = item - row * axis.inner
-    outer = row // axis.new_length
-    begin = (row - outer * axis.new_length) * axis.down - axis.pad
-    base = outer * axis.length * axis.inner + lane
+    place = places(item, axis)
     total = wp.vec4()
-    j = first_input(axis, begin)
-    tap = j * axis.up - begin
+    j = first_input(axis, place[1])
+    tap = j * axis.up - place[1]
     while j < axis.length and tap < axis.taps:
-        total += weights[axis.origin + axis.turn * tap] * as_floats(values[base + j * axis.inner])
+        total += weights[axis.origin + axis.turn * tap] * as_floats(values[place[0] + j * axis.inner])
         j += 1
         tap += axis.up
     before = wp.vec4()
     if axis.finish == _GATE:
         before = as_floats(gate[item])
-    low = rounded(finished(total[0], before[0], axis)) | (rounded(finished(total[1], before[1], axis)) << wp.uint32(16))
-    high = rounded(finished(total[2], before[2], axis)) | (
-        rounded(finished(total[3], before[3], axis)) << wp.uint32(16)
-    )
-    result[item] = wp.uint64(low) | (wp.uint64(high) << wp.uint64(32))
+    found = wp.uint64(0)
+    for k in range(4):
+        half = rounded(finished(total[k], before[k], axis))
+        found = found | (wp.uint64(half) << wp.uint64(16 * k))
+    result[item] = found

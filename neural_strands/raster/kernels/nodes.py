@@ -79,7 +79,7 @@ def mark_nodes(
     along: wp.array[float],
     marks: wp.array[int],
 ) -> None:
-    """Find the nodes before and after a visible point, and its position between them.
+    """Find the nodes before and after a visible point, and its position between them; mark them, unless that is done.
 
     Several items may mark the same point, all with the same value.
     """
@@ -92,8 +92,9 @@ def mark_nodes(
     here = segment + segment // (per_strand - 1)
     before[item] = wp.int64(first)
     along[item] = (float(here - first) + positions[item]) / float(last - first)
-    marks[first] = 1
-    marks[last] = 1
+    if marks.shape[0] > 0:
+        marks[first] = 1
+        marks[last] = 1
 
 
 @wp.kernel(enable_backward=False)

@@ -27,6 +27,23 @@ def corner_weight(fraction: float, side: int) -> float:
     return fraction
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    if (sizeof(value) == 4 * sizeof(float)) {
+        float* place = &wp::index(sums, cell, group)[0];
+        asm volatile("red.relaxed.gpu.global.add.v4.f32 [%0], {%1, %2, %3, %4};"
+            :: "l"(place), "f"(value[0]), "f"(value[1]), "f"(value[2]), "f"(value[3]) : "memory");
+        return;
+    }
+#endif
+    wp::atomic_add(sums, cell, group, value);
+""")
+@no_type_check
+def add_vector(sums: wp.array2d[Any], cell: int, group: int, value: Any) -> None:
+    """Add some channels to a pixel's; since Hopper, GPUs add four in one instruction."""
+    ...
+
+
 @wp.func
 @no_type_check
 def add_to_neighbours(
@@ -57,7 +74,7 @@ def add_to_neighbours(
             if groups[0] == 0:
                 wp.atomic_add(weights, cell, weight)
             for group in range(groups[0], groups[1]):
-                wp.atomic_add(sums, cell, group, weight * features[point, group])
+                add_vector(sums, cell, group, weight * features[point, group])
 
 
 @wp.kernel(enable_backward=False)
@@ -83,61 +100,6 @@ def accumulate(
     groups = wp.vec2i(first, wp.min(first + quads_per_item, quads))
     rows = wp.vec2i(first_row, last_row)
     add_to_neighbours(scale * pixels[point], amounts[point], features, point, groups, width, rows, sums, weights)
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
-    float* place = &wp::index(sums, cell, group)[0];
-    asm volatile("red.relaxed.gpu.global.add.v4.f32 [%0], {%1, %2, %3, %4};"
-        :: "l"(place), "f"(value[0]), "f"(value[1]), "f"(value[2]), "f"(value[3]) : "memory");
-#else
-    wp::atomic_add(sums, cell, group, value);
-#endif
-""")
-@no_type_check
-def add_quad(sums: wp.array2d[wp.vec4], cell: int, group: int, value: wp.vec4) -> None:
-    """Add four channels to a pixel's; since Hopper, GPUs do that in one instruction."""
-    ...
-
-
-@wp.kernel(enable_backward=False)
-@no_type_check
-def accumulate_quads(
-    pixels: wp.array[wp.vec2],
-    amounts: wp.array[float],
-    features: wp.array2d[wp.vec4],
-    scale: float,
-    width: int,
-    height: int,
-    sums: wp.array2d[wp.vec4],
-    weights: wp.array[float],
-) -> None:
-    """Add one group of four channels of one point to its four neighbours; for GPUs."""
-    item = wp.tid()
-    groups = wp.max(features.shape[1], 1)
-    point = item // groups
-    group = item - point * groups
-    position = scale * pixels[point]
-    x = position[0] - 0.5
-    y = position[1] - 0.5
-    if not (x > -1.0 and x < float(width) and y > -1.0 and y < float(height)):
-        return
-    column = int(wp.floor(x))
-    row = int(wp.floor(y))
-    value = wp.vec4()
-    if features.shape[1] > 0:
-        value = features[point, group]
-    for corner in range(4):
-        u = column + corner % 2
-        v = row + corner // 2
-        weight = corner_weight(x - float(column), corner % 2) * corner_weight(y - float(row), corner // 2)
-        weight *= amounts[point]
-        if u >= 0 and u < width and v >= 0 and v < height and weight > 0.0:
-            cell = v * width + u
-            if group == 0:
-                wp.atomic_add(weights, cell, weight)
-            if features.shape[1] > 0:
-                add_quad(sums, cell, group, weight * value)
 
 
 @wp.kernel(enable_backward=False)
