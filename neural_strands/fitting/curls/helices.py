@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from jaxtyping import Float, Int64
 from torch import Tensor
+from torch.nn import functional
 
 from neural_strands.fitting.curls.comparison import FOR_SIZE, Comparison, DrawnCurl, closest_curl
 from neural_strands.flow.curls import Lean, mean_lean, turned_back
@@ -30,6 +31,11 @@ FURTHER = (0.0, 15.0, 30.0)
 """By how much more than measured segments that hardly agree are turned back, degrees."""
 MOST_LEAN = 60.0
 """Such segments are not turned back further than this, degrees."""
+OFF_COURSE, OFF_AXES = 35.0, 25.0
+"""Segments that are turned back mislead if they are further than this off the hanging course, or off the axes that the
+others show, degrees."""
+ANY = 180.0
+"""Limit of those angles where the hanging course may be wrong."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +82,13 @@ class Helices:
         drawn: the helix whose drawing is closest to the photographs.
         axes: the flow along the axes.
         comparison: the photographs beside strands along the axes.
-        straight: the segments turned back.
+        lean: angle by which segments lean off the axes, radians.
     """
 
     drawn: DrawnCurl
     axes: FlowField
     comparison: Comparison
-    straight: LineSegments
+    lean: float
 
 
 def leaning_segments(
@@ -127,6 +133,10 @@ def closest_helices(
 ) -> Helices:
     """The helices whose drawing is closest to the photographs, of all leans that are tried.
 
+    Segments at tips and edges, where views see curls from below or from the side, lean otherwise, and few of them lead
+    many strands astray. So turned segments that are far off the hair's course are left out; then all are turned once
+    more about the axes that the others show, and those far off these are left out.
+
     Args:
         room: where hair can be.
         leaning: segments that lean.
@@ -137,22 +147,32 @@ def closest_helices(
         track: shows the progress of the flow along the axes, and of the search.
     """
     roots, scalp_normals, faces = scalp
-    found: list[Helices] = []
-    for lean in leaning.tried(config.curls.least_agreement):
-        turned = turned_back(leaning.segments, leaning.course, lean)
+
+    def flow(straight: LineSegments, depth: float) -> FlowField:
+        return hair_flow(room.inset(depth), straight, roots, scalp_normals, config, track)
+
+    def straightened(course: FlowField, lean: float, limit: float) -> LineSegments:
+        turned = turned_back(leaning.segments, course, lean)
         # Neighbours sign turned segments better than the hanging course does, for instance at a parting.
-        straight = orient_segments(turned, room.head, faces, [], GrowthConfig())
-        axes = hair_flow(room.inset(FIRST_INSET), straight, roots, scalp_normals, config, track)
+        return along_course(orient_segments(turned, room.head, faces, [], GrowthConfig()), course, limit)
+
+    def drawn(axes: FlowField, lean: float) -> Helices:
         traced = trace_hair(axes, plain.axes[:, 0], normals, config.trace).points
         comparison = Comparison.along(traced, plain.photographs)
-        drawn = closest_curl(comparison, normals, leaning.turn, config.curls, track=track)
-        found.append(Helices(drawn, axes, comparison, straight))
+        curl = closest_curl(comparison, normals, leaning.turn, config.curls, track=track)
+        return Helices(curl, axes, comparison, lean)
+
+    limit, leans = OFF_COURSE if leaning.strong else ANY, leaning.tried(config.curls.least_agreement)
+    found = [drawn(flow(straightened(leaning.course, lean, limit), FIRST_INSET), lean) for lean in leans]
     closest = min(found, key=lambda helices: helices.drawn.difference(FOR_SIZE))
-    radius = closest.drawn.curl.radius
-    if abs(radius - FIRST_INSET) > room.grid.spacing:
-        axes = hair_flow(room.inset(radius), closest.straight, roots, scalp_normals, config, track)
-        closest = replace(closest, axes=axes)
-    return closest
+    better = straightened(closest.axes, closest.lean, OFF_AXES)
+    return replace(closest, axes=flow(better, closest.drawn.curl.radius))
+
+
+def along_course(segments: LineSegments, course: FlowField, limit: float) -> LineSegments:
+    """The segments whose directions are off the course of the hair by less than `limit` degrees."""
+    directions = functional.normalize(course.grid.sample(course.directions, segments.points, outside="border"), dim=-1)
+    return segments.select((segments.directions * directions).sum(dim=-1) > math.cos(math.radians(limit)))
 
 
 def lean_off(course: FlowField, segments: LineSegments) -> Lean:

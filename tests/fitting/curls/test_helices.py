@@ -1,11 +1,11 @@
-"""Leans that are tried for helices."""
+"""Leans that are tried for helices, and segments that mislead."""
 
 import math
 
 import pytest
 import torch
 
-from neural_strands.fitting.curls.helices import Leaning
+from neural_strands.fitting.curls.helices import Leaning, along_course
 from neural_strands.flow.curls import Lean
 from neural_strands.flow.field import FlowField
 from neural_strands.geometry.line_segments import LineSegments
@@ -35,3 +35,18 @@ def test_leans_of_segments_that_agree_are_taken_as_measured():
 def test_segments_that_lean_clockwise_are_those_of_right_handed_helices():
     assert leaning(-30).turn == 1
     assert leaning(30).turn == -1
+
+
+def test_segments_far_off_the_course_are_left_out():
+    """Some angles off a course that points down, any of them about the vertical; those that point up are far off."""
+    degrees = torch.tensor([0.0, 20.0, 34.0, 36.0, 90.0, 179.0])
+    random = torch.Generator().manual_seed(0)
+    angle, turn = torch.deg2rad(degrees), 2 * math.pi * torch.rand(len(degrees), generator=random)
+    directions = torch.stack([angle.sin() * turn.cos(), -angle.cos(), angle.sin() * turn.sin()], dim=-1)
+    count, grid = len(degrees), VoxelGrid((0.0, 0.0, 0.0), 0.01, (2, 2, 2))
+    points = 0.01 * torch.rand(count, 3, generator=random)
+    segments = LineSegments(points, directions, torch.ones(count), torch.arange(count))
+    down = torch.tensor([0.0, -0.4, 0.0]).expand(*grid.shape, 3)
+    course = FlowField(grid, down, torch.ones(grid.shape, dtype=torch.bool))
+    assert along_course(segments, course, 35.0).segment_id.tolist() == [0, 1, 2]
+    assert len(along_course(segments, course, 180.0).points) == count
