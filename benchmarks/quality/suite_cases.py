@@ -95,6 +95,7 @@ THICK = Case("thick_long", "tuning", "straight_long", kept=4867, resolution=448,
 """Long hair of few strands."""
 CASES = (
     Case("wavy_long", "tuning", "wavy_long"),
+    Case("wavy_long_clear", "tuning", "wavy_long", views=30, resolution=448, samples=24),
     Case("bob_waves", "tuning", "sintel_bob", Winding(0.005, 0.045, 0.4), colour="auburn"),
     Case("long_curls", "tuning", "straight_long", Winding(0.005, 0.028), colour="brown", light_turn=60),
     Case("wavy_style", "tuning", "wavy", head="mannequin", colour="black", views=32),
