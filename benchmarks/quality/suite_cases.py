@@ -95,7 +95,6 @@ THICK = Case("thick_long", "tuning", "straight_long", kept=4867, resolution=448,
 """Long hair of few strands."""
 CASES = (
     Case("wavy_long", "tuning", "wavy_long"),
-    Case("wavy_long_clear", "tuning", "wavy_long", views=30, resolution=448, samples=24),
     Case("bob_waves", "tuning", "sintel_bob", Winding(0.005, 0.045, 0.4), colour="auburn"),
     Case("long_curls", "tuning", "straight_long", Winding(0.005, 0.028), colour="brown", light_turn=60),
     Case("wavy_style", "tuning", "wavy", head="mannequin", colour="black", views=32),
@@ -109,6 +108,7 @@ CASES = (
     Case("over_shoulders", "tuning", "straight", length=0.5, colour="black", light_turn=15, samples=16, seed=7),
     THICK,
     replace(THICK, name="thick_long_curls", winding=Winding(0.005, 0.028)),
+    Case("wavy_long_clear", "tuning", "wavy_long", views=30, resolution=448, samples=24),
     Case("long_waves", "test", "straight_long", Winding(0.008, 0.06, 0.5), colour="auburn", light_turn=120, seed=1),
     Case("wavy_style_front", "test", "wavy", head="makehuman", azimuth=100, views=20, light_turn=30, seed=2),
     Case("curly_style", "test", "curly", head="ict", colour="brown", light_turn=150, views=32, seed=3),
