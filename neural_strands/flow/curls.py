@@ -144,7 +144,7 @@ def turned_back(segments: LineSegments, field: FlowField, lean: float) -> LineSe
     normals, given = surface_normals(field.grid, field.domain, segments.points), segments.directions
     along = (given * normals).sum(dim=-1, keepdim=True) * normals
     turned = along + math.cos(lean) * (given - along) - math.sin(lean) * torch.linalg.cross(normals, given)
-    course = field.grid.sample(field.directions, segments.points, outside="border")
+    course = field.at(segments.points)
     sign = torch.where((turned * course).sum(dim=-1, keepdim=True) < 0, -1.0, 1.0)
     return replace(segments, directions=functional.normalize(sign * turned, dim=-1))
 

@@ -62,6 +62,10 @@ class FlowField:
     unseen: Bool[Tensor, "x y z"] | None = None
     measured: Bool[Tensor, "x y z"] | None = None
 
+    def at(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
+        """Growth directions at points, interpolated, so shorter than 1; outside the grid, those of its border."""
+        return self.grid.sample(self.directions, points, outside="border")
+
 
 def grid_around(points: Float[Tensor, "point 3"], spacing: float, margin: float) -> VoxelGrid:
     """The grid that contains `points` with `margin` metres on every side.

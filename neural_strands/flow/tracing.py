@@ -168,6 +168,6 @@ def follow(
     field: FlowField, position: Float[Tensor, "root 3"], fallback: Float[Tensor, "root 3"]
 ) -> Float[Tensor, "root 3"]:
     """Unit direction at a position; the fallback where the field vanishes."""
-    sampled = field.grid.sample(field.directions, position, outside="border")
+    sampled = field.at(position)
     weak = sampled.norm(dim=-1, keepdim=True) < 1e-3
     return functional.normalize(torch.where(weak, fallback, sampled), dim=-1)

@@ -33,7 +33,7 @@ MOST_LEAN = 60.0
 """Such segments are not turned back further than this, degrees."""
 OFF_COURSE, OFF_AXES = 35.0, 25.0
 """Segments that are turned back mislead if they are further than this off the hanging course, or off the axes that the
-others show, degrees."""
+rest show, degrees."""
 ANY = 180.0
 """Limit of those angles where the hanging course may be wrong."""
 
@@ -133,9 +133,9 @@ def closest_helices(
 ) -> Helices:
     """The helices whose drawing is closest to the photographs, of all leans that are tried.
 
-    Segments at tips and edges, where views see curls from below or from the side, lean otherwise, and few of them lead
-    many strands astray. So turned segments that are far off the hair's course are left out; then all are turned once
-    more about the axes that the others show, and those far off these are left out.
+    Some segments, most of them at tips and over the forehead, lean otherwise, and a few lead many strands astray. So
+    turned segments far off the hair's course are left out. Then all are turned again, relative to the axes that the
+    rest show, and those far off these axes are left out.
 
     Args:
         room: where hair can be.
@@ -171,13 +171,13 @@ def closest_helices(
 
 def along_course(segments: LineSegments, course: FlowField, limit: float) -> LineSegments:
     """The segments whose directions are off the course of the hair by less than `limit` degrees."""
-    directions = functional.normalize(course.grid.sample(course.directions, segments.points, outside="border"), dim=-1)
-    return segments.select((segments.directions * directions).sum(dim=-1) > math.cos(math.radians(limit)))
+    cosine = functional.cosine_similarity(segments.directions, course.at(segments.points), dim=-1)
+    return segments.select(cosine > math.cos(math.radians(limit)))
 
 
 def lean_off(course: FlowField, segments: LineSegments) -> Lean:
     """How segments lean off the course of the hair."""
-    axes = course.grid.sample(course.directions, segments.points, outside="border")
+    axes = course.at(segments.points)
     return mean_lean(segments.directions, axes, surface_normals(course.grid, course.domain, segments.points))
 
 
