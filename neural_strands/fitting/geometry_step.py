@@ -1,6 +1,6 @@
 """The geometric step of a fit: all strands are remembered, and some are decoded with a gradient at each step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -84,11 +84,13 @@ def shape_losses(
     """
     points, along = strands.reshape(-1, 3), directions(strands).reshape(-1, 3)
     others = remembered.index_select(0, chosen.others).reshape(-1, 3)
-    everything = PointGrid.build(torch.cat([points.detach(), others]), config.chamfer.radius)
+    # The mean strand runs across most segments at first.
+    chamfer = config.chamfer if config.initialise == "flow" else replace(config.chamfer, alike=180.0)
+    everything = PointGrid.build(torch.cat([points.detach(), others]), chamfer.radius)
     seen = seen[chosen.index].reshape(-1)
     return ShapeLosses(
-        surface_loss(points, along, seen, everything, strands.shape[1], data.targets, config.chamfer),
-        coverage_loss(points, along, everything, data.targets, targets, config.chamfer),
+        surface_loss(points, along, seen, everything, strands.shape[1], data.targets, chamfer),
+        coverage_loss(points, along, everything, data.targets, targets, chamfer),
         head_penalty(strands, data.distance, config.clearance),
-        holding_loss(strands, first[chosen.index], config.chamfer.unit),
+        holding_loss(strands, first[chosen.index], chamfer.unit),
     )

@@ -5,6 +5,7 @@ the geometric loss over the points of each side, the rendering and alpha losses 
 paper's weights.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -34,6 +35,9 @@ class ChamferConfig:
     surface."""
     occupied: Annotated[float, Between(1e-5, 10)] = 0.00075
     """A segment pulls no strand if another one is nearer than this, metres: it shows a single hair."""
+    alike: Annotated[float, Between(0, 180)] = 30.0
+    """A strand and a segment whose directions differ by more than this, degrees, are different hairs, and neither pulls
+    the other: curls whose phases are unknown cross many segments. It holds only where strands were traced."""
     unit: Annotated[float, Between(1e-5, 10)] = 0.002
     """The distance that costs as much as a direction error of 90 degrees, metres."""
     signed: bool = False
@@ -67,7 +71,8 @@ def surface_loss(
     """Generated points against their nearest segment point (paper, L_geo, first sum), as a mean.
 
     Only points that are visible in some view and lie near a segment count. Hidden hair has no segments; pulling it to
-    those above it would leave a gap. For the same reason a segment that one strand follows pulls no other.
+    those above it would leave a gap. For the same reason a segment that one strand follows pulls no other. Points that
+    run across their segment count, but cost nothing.
 
     Args:
         points: generated points, strand after strand.
@@ -97,6 +102,8 @@ def coverage_loss(
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
     """Chosen segment points against their nearest generated point (paper, L_geo, second sum), as a mean.
+
+    Targets that run across this point count, but cost nothing.
 
     Args:
         points: generated points that carry a gradient.
@@ -161,11 +168,15 @@ def _mean_misfit(
     counts: Bool[Tensor, " pair"],
     config: ChamferConfig,
 ) -> Float[Tensor, ""]:
-    """Mean distance and direction error of the pairs that count; zero, with zero gradient, if there are none."""
+    """Mean distance and direction error of the pairs that count; zero, with zero gradient, if there are none.
+
+    Pairs of different hairs cost nothing, so the fewer are alike, the less the others pull.
+    """
     # With `points[index]`, threads would sum gradients in an order that differs from run to run.
     points, directions = points.index_select(0, index), directions.index_select(0, index)
     offset = points - targets.points[chosen]
     distance = (offset.square().sum(dim=-1) + 1e-12).sqrt() / config.unit
     cosine = (directions * targets.directions[chosen]).sum(dim=-1)
     cosine = cosine if config.signed else cosine.abs()
-    return torch.where(counts, distance + 1 - cosine, 0.0).sum() / counts.sum().clamp(min=1)
+    alike = counts & (cosine.detach() >= math.cos(math.radians(config.alike)))
+    return torch.where(alike, distance + 1 - cosine, 0.0).sum() / counts.sum().clamp(min=1)

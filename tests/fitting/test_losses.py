@@ -34,28 +34,34 @@ def indexed(points):
     return PointGrid.build(points.detach(), 0.02)
 
 
-def naive(x, dx, y, dy, radius, unit, signed):
-    total, pairs = 0.0, 0
+def naive(x, dx, y, dy, radius, unit, signed, alike):
+    total, pairs, across = 0.0, 0, 0
     for point, direction in zip(x, dx, strict=True):
         distance = (y - point).norm(dim=-1)
         best = int(distance.argmin())
         if distance[best] <= radius:
             cosine = float(direction @ dy[best])
-            total += float(distance[best]) / unit + 1 - (cosine if signed else abs(cosine))
+            cosine = cosine if signed else abs(cosine)
             pairs += 1
+            if math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) <= alike:
+                total += float(distance[best]) / unit + 1 - cosine
+            else:
+                across += 1
+    assert alike == 180 or across > 5
     return total / pairs
 
 
-def test_surface_loss_is_the_naive_loop(generator, device):
+@pytest.mark.parametrize("alike", [40.0, 180.0])
+def test_surface_loss_is_the_naive_loop(alike, generator, device):
     x, dx = oriented(60, generator)
     y, dy = oriented(80, generator)
     points, along = x.to(device), dx.to(device)
     targets = targets_of(y.to(device), dy.to(device))
     for signed in (False, True):
-        config = ChamferConfig(surface_radius=0.008, unit=0.003, signed=signed)
+        config = ChamferConfig(surface_radius=0.008, unit=0.003, signed=signed, alike=alike)
         for seen in (torch.ones(60, dtype=torch.bool), torch.arange(60) % 3 == 0):
             ours = surface_loss(points, along, seen.to(device), indexed(points), len(x), targets, config)
-            expected = naive(x[seen], dx[seen], y, dy, 0.008, 0.003, signed)
+            expected = naive(x[seen], dx[seen], y, dy, 0.008, 0.003, signed, alike)
             torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
 
 
@@ -63,7 +69,7 @@ def test_a_segment_that_a_strand_follows_pulls_no_other(generator, device):
     everything, along = oriented(90, generator)
     x, dx, per_strand = everything[:60], along[:60], 5
     y, dy = oriented(80, generator)
-    config = ChamferConfig(surface_radius=0.02, unit=0.003, occupied=0.006)
+    config = ChamferConfig(surface_radius=0.02, unit=0.003, occupied=0.006, alike=180.0)
     total, pairs, dropped = 0.0, 0, 0
     for k, (point, direction) in enumerate(zip(x, dx, strict=True)):
         distance = (y - point).norm(dim=-1)
@@ -82,14 +88,15 @@ def test_a_segment_that_a_strand_follows_pulls_no_other(generator, device):
     torch.testing.assert_close(float(ours), total / pairs, atol=1e-4, rtol=1e-4)
 
 
-def test_coverage_loss_is_the_naive_loop_the_other_way(generator, device):
+@pytest.mark.parametrize("alike", [40.0, 180.0])
+def test_coverage_loss_is_the_naive_loop_the_other_way(alike, generator, device):
     x, dx = oriented(60, generator)
     y, dy = oriented(80, generator)
-    config = ChamferConfig(radius=0.02, unit=0.003)
+    config = ChamferConfig(radius=0.02, unit=0.003, alike=alike)
     chosen = torch.arange(0, 80, 2)
     points, targets = x.to(device), targets_of(y.to(device), dy.to(device))
     ours = coverage_loss(points, dx.to(device), indexed(points), targets, chosen.to(device), config)
-    expected = naive(y[chosen], dy[chosen], x, dx, 0.02, 0.003, False)
+    expected = naive(y[chosen], dy[chosen], x, dx, 0.02, 0.003, False, alike)
     torch.testing.assert_close(float(ours), expected, atol=1e-4, rtol=1e-4)
 
 
@@ -114,11 +121,27 @@ def test_gradients_pull_points_together_and_turn_directions(device):
     dx = torch.tensor([[0.6, 0.8, 0.0]]).expand(3, 3).clone().to(device).requires_grad_()
     target = targets_of(torch.tensor([[0.001, 0.0, 0.0]]).to(device), torch.tensor([[0.0, 1.0, 0.0]]).to(device))
     seen = torch.tensor([True, False, True]).to(device)
-    surface_loss(x, dx, seen, indexed(x), 1, target, ChamferConfig()).backward()
+    surface_loss(x, dx, seen, indexed(x), 1, target, ChamferConfig(alike=40.0)).backward()
     assert float(x.grad[0, 0]) < 0  # descending moves the point towards +x
     torch.testing.assert_close(dx.grad[0].cpu(), torch.tensor([0.0, -1.0, 0.0]))
     assert not x.grad[1:].cpu().any()
     assert not dx.grad[1:].cpu().any()
+
+
+def test_a_segment_across_a_strand_pulls_nothing(device):
+    x = torch.tensor([[0.0, 0.0, 0.0]]).to(device).requires_grad_()
+    dx = torch.tensor([[0.6, 0.8, 0.0]]).to(device).requires_grad_()
+    target = targets_of(torch.tensor([[0.001, 0.0, 0.0]]).to(device), torch.tensor([[0.0, 1.0, 0.0]]).to(device))
+    chosen, seen = torch.tensor([0]).to(device), torch.tensor([True]).to(device)
+    config = ChamferConfig(alike=36.0)  # they differ by 36.9 degrees
+    surface = surface_loss(x, dx, seen, indexed(x), 1, target, config)
+    coverage = coverage_loss(x, dx, indexed(x), target, chosen, config)
+    (surface + coverage).backward()
+    assert float(surface.detach()) == float(coverage.detach()) == 0.0
+    assert x.grad is not None
+    assert dx.grad is not None
+    assert not x.grad.cpu().any()
+    assert not dx.grad.cpu().any()
 
 
 def test_rendering_and_alpha_losses_in_closed_form():
