@@ -1,17 +1,19 @@
 """The appearance of hair that no photograph shows, taken from its neighbours on the scalp.
 
 Texels of Z_a that never receive a gradient keep their initial values, which the trained networks turn into dark or
-coloured patches. Sampling the texture is linear, so its transpose, which autograd computes, counts the line pixels of
-all photographs that read each texel.
+coloured patches. So do those of hair at the edge of what views see: a few pixels that graze it, or that look into its
+shadow, do not tell how it looks from where it faces. Sampling the texture is linear, so its transpose, which autograd
+computes, takes the line pixels of all photographs back to the texels that they read.
 """
 
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
+from torch.nn import functional
 
-from neural_strands.fitting.first_colours import fill_texture
+from neural_strands.flow.filling import pull_push
 from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
@@ -19,45 +21,58 @@ from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
-ENOUGH = 4.0
-"""Number of line pixels, over all photographs, that must read a texel for it to count as learned."""
+ENOUGH, ENOUGH_UNSEEN = 4.0, 256.0
+"""Number of line pixels, over all photographs, that must read a texel for it to count as learned: where hair faces
+several views, and where it does not."""
 
 
-def fill_unseen_appearance(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Give texels of Z_a that no photograph shows the values of their neighbours, at each knot from root to tip.
+def fill_unseen_appearance(
+    model: HairModel, strands: Strands, targets: Views | Sequence[View], unseen: Bool[Tensor, "strand part"]
+) -> None:
+    """Give texels of Z_a that photographs show too little the values of their neighbours, at each knot.
 
     Args:
-        model: modified in place, only in texels that did not learn.
+        model: modified in place, only in texels that did not learn enough.
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
+        unseen: which parts of the strands, evenly spaced from root to tip, face too few views (see
+            `flow.unseen.unseen_parts`).
     """
-    seen = texel_weights(model, strands, targets) >= ENOUGH
+    pixels = knot_pixels(model, strands, targets)
+    parts = unseen.to(pixels)[:, None]
+    share = functional.interpolate(parts, pixels.shape[1], mode="linear", align_corners=True)[:, 0]
+    trust = texel_sums(model, strands, pixels * ((1 - share) / ENOUGH + share / ENOUGH_UNSEEN))
+    trust = torch.where(texel_sums(model, strands, pixels) >= ENOUGH, trust, 0.0)
     knots = model.textures.appearance.detach().unflatten(2, (model.textures.knots, -1))
     for knot in range(model.textures.knots):
-        weight = seen[:, :, knot, None].to(knots)
-        if bool(weight.any()):
+        if bool((trust[:, :, knot] > 0).any()):
             own = knots[:, :, knot]
-            own.copy_(torch.where(weight > 0, own, fill_texture(own * weight, weight)))
+            own.copy_(pull_push(own, trust[:, :, knot]))
 
 
 @torch.enable_grad()
-def texel_weights(
-    model: HairModel, strands: Strands, targets: Views | Sequence[View]
+def knot_pixels(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> Float[Tensor, "strand knot"]:
+    """Number of line pixels of the photographs that read each knot of each strand."""
+    total = strands.points.new_zeros(len(strands.points), model.textures.knots)
+    for target in targets:
+        with torch.no_grad():
+            lines = model.draw(strands, target.camera).lines
+            visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
+        knots = torch.zeros_like(total)[..., None].requires_grad_()
+        between = interpolate_knots(knots, visible.strand, visible.t)[:, 0]
+        total += weighted_gradient(between, visible.weight, knots)[..., 0]
+    return total
+
+
+@torch.enable_grad()
+def texel_sums(
+    model: HairModel, strands: Strands, values: Float[Tensor, "strand knot"]
 ) -> Float[Tensor, "height width knot"]:
-    """Number of line pixels of the photographs that read each texel of Z_a, at each knot.
+    """Sums of values of strands in the texels of Z_a that they read, shared out as they are read.
 
     Raises:
         ValueError: the strands have no `root_uv`.
     """
     height, width, _ = model.textures.appearance.shape
     image = strands.points.new_zeros(height, width, model.textures.knots, requires_grad=True)
-    read = sample_texture(image, strands.chart_positions())[..., None]
-    total = torch.zeros_like(read)
-    for target in targets:
-        with torch.no_grad():
-            lines = model.draw(strands, target.camera).lines
-            visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
-        knots = torch.zeros_like(read, requires_grad=True)
-        between = interpolate_knots(knots, visible.strand, visible.t)[:, 0]
-        total += weighted_gradient(between, visible.weight, knots)
-    return weighted_gradient(read, total, image)
+    return weighted_gradient(sample_texture(image, strands.chart_positions()), values, image)

@@ -6,6 +6,9 @@ from torch.nn import functional
 
 from neural_strands.geometry.voxel_grid import VoxelGrid
 
+POOLING = {2: (functional.avg_pool2d, "bilinear"), 3: (functional.avg_pool3d, "trilinear")}
+"""How images and volumes are halved and doubled."""
+
 
 def average(
     grid: VoxelGrid,
@@ -22,21 +25,24 @@ def average(
     return mean.reshape(*grid.shape, values.shape[1]), weight.reshape(grid.shape)
 
 
-def pull_push(values: Float[Tensor, "x y z channel"], weight: Float[Tensor, "x y z"]) -> Float[Tensor, "x y z channel"]:
-    """Fill voxels of weight 0 from coarser and coarser averages of the weighted ones (Gortler et al. 1996)."""
-    return _filled(values.permute(3, 0, 1, 2), weight).permute(1, 2, 3, 0).contiguous()
+def pull_push(values: Float[Tensor, "*size channel"], weight: Float[Tensor, "*size"]) -> Float[Tensor, "*size channel"]:
+    """Fill voxels or texels of weight 0 from coarser and coarser averages of the weighted ones (Gortler et al. 1996).
+
+    A weight of 1 or more keeps a value; with less, it keeps that share, and the rest is filled.
+    """
+    return _filled(values.movedim(-1, 0), weight).movedim(0, -1).contiguous()
 
 
-def _filled(values: Float[Tensor, "channel x y z"], weight: Float[Tensor, "x y z"]) -> Float[Tensor, "channel x y z"]:
-    known = weight.clamp(max=1.0)
+def _filled(values: Float[Tensor, " channel *size"], weight: Float[Tensor, "*size"]) -> Float[Tensor, " channel *size"]:
+    known, axes = weight.clamp(max=1.0), weight.dim()
     if min(weight.shape) <= 2:
-        total = (values * known).sum(dim=(1, 2, 3)) / known.sum().clamp(min=1e-9)
-        return values * known + total[:, None, None, None] * (1 - known)
-    odd = [size % 2 for size in reversed(weight.shape)]
-    padding = (0, odd[0], 0, odd[1], 0, odd[2])
-    weighted = functional.avg_pool3d(functional.pad(values * known, padding)[None], 2)[0] * 8
-    summed = functional.avg_pool3d(functional.pad(known, padding)[None], 2)[0] * 8
+        total = (values * known).sum(dim=tuple(range(1, axes + 1)), keepdim=True) / known.sum().clamp(min=1e-9)
+        return values * known + total * (1 - known)
+    pool, mode = POOLING[axes]
+    padding = [end for size in reversed(weight.shape) for end in (0, size % 2)]
+    weighted = pool(functional.pad(values * known, padding)[None], 2)[0] * 2**axes
+    summed = pool(functional.pad(known, padding)[None, None], 2)[0, 0] * 2**axes
     coarse = _filled(weighted / summed.clamp(min=1e-9), summed)
-    filled = functional.interpolate(coarse[None], scale_factor=2.0, mode="trilinear", align_corners=False)[0]
-    filled = filled[:, : weight.shape[0], : weight.shape[1], : weight.shape[2]]
+    filled = functional.interpolate(coarse[None], scale_factor=2.0, mode=mode, align_corners=False)[0]
+    filled = filled[(slice(None), *(slice(size) for size in weight.shape))]
     return values * known + filled * (1 - known)

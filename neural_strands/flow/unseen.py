@@ -140,13 +140,13 @@ def unseen_points(
     return views_that_see(lifted, outward, views, config.facing) < config.least_views
 
 
-def unseen_share(
+def unseen_parts(
     points: Float[Tensor, "strand point 3"],
     views: Iterable[HeadView],
     head: SignedDistanceIndex,
     config: UnseenConfig | None = None,
-) -> Float[Tensor, " strand"]:
-    """Share of each strand that too few views see, tested at every `SHARE_EVERY`-th point from its root.
+) -> Bool[Tensor, "strand part"]:
+    """Mark which of every `SHARE_EVERY`-th point of strands, from the root on, too few views see.
 
     Args:
         points: strands, world metres.
@@ -157,8 +157,7 @@ def unseen_share(
     some = points[:, ::SHARE_EVERY]
     flat = some.reshape(-1, 3)
     skin = head(flat)
-    unseen = unseen_points(flat, skin.distance, skin.normal, views, config)
-    return unseen.reshape(some.shape[:2]).to(points).mean(dim=1)
+    return unseen_points(flat, skin.distance, skin.normal, views, config).reshape(some.shape[:2])
 
 
 def guess_unseen(

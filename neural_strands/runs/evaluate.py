@@ -33,7 +33,7 @@ from neural_strands.lmvs.files import load_segments
 from neural_strands.model.files import load_hair_model
 from neural_strands.model.outputs import RenderOutput
 from neural_strands.model.renderer import HairRenderer
-from neural_strands.runs.outputs import strands_unseen
+from neural_strands.runs.outputs import parts_unseen
 from neural_strands.runs.run_folder import RunFolder, fingerprint, found_again, read_description
 from neural_strands.scalp.head import Head
 
@@ -235,4 +235,5 @@ def _unseen_percent(run: RunContents, photographs: Views) -> float:
     """Percentage of strands of which the fit's photographs show less than half."""
     held_out = set(run.shown) if run.held_out else set()
     used = [camera for index, camera in enumerate(photographs.cameras) if index not in held_out]
-    return 100 * float((strands_unseen(run.renderer.strands, used, run.head.mesh) > 0.5).float().mean())
+    share = parts_unseen(run.renderer.strands, used, run.head.mesh).float().mean(dim=1)
+    return 100 * float((share > 0.5).float().mean())

@@ -5,14 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import interpolate
 
 from neural_strands.fitting.first_colours import photographed_colours
 from neural_strands.fitting.fit_data import FitData
 from neural_strands.fitting.unseen_appearance import fill_unseen_appearance
-from neural_strands.flow.unseen import unseen_share
+from neural_strands.flow.unseen import unseen_parts
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -43,9 +43,10 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
         InputError: the folder cannot be written.
     """
     strands = model.decode()
-    fill_unseen_appearance(model, strands, data.views)
+    parts = parts_unseen(strands, data.views.cameras, data.head.mesh)
+    fill_unseen_appearance(model, strands, data.views, parts)
     width, color = strand_widths(model, strands), groom_colours(model, strands, data)
-    unseen = strands_unseen(strands, data.views.cameras, data.head.mesh)
+    unseen = parts.to(strands.points).mean(dim=1)
     coloured = replace(strands, width=width, color=color, unseen=unseen).to("cpu")
     save_hair_model(model, folder.model, notes)
     for path in (folder.groom, folder.groom_arrays):
@@ -53,11 +54,11 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
     return coloured
 
 
-def strands_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> Float[Tensor, " strand"]:
-    """Share of each strand that none of the fit's cameras could see."""
+def parts_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> Bool[Tensor, "strand part"]:
+    """Which parts of the strands, evenly spaced from root to tip, too few of the fit's cameras could see."""
     index = MeshIndex(head)
     before = [HeadView.of(camera, index) for camera in cameras]
-    return unseen_share(strands.points, before, SignedDistanceIndex(head))
+    return unseen_parts(strands.points, before, SignedDistanceIndex(head))
 
 
 @torch.no_grad()

@@ -10,7 +10,13 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.fitting.first_model import first_model
 from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.unseen_appearance import ENOUGH, fill_unseen_appearance, texel_weights
+from neural_strands.fitting.unseen_appearance import (
+    ENOUGH,
+    ENOUGH_UNSEEN,
+    fill_unseen_appearance,
+    knot_pixels,
+    texel_sums,
+)
 from neural_strands.model.hair_model import HairModel
 from neural_strands.prior.vae import load_prior
 from neural_strands.raster.visible import visible_points
@@ -29,33 +35,70 @@ def scene(tmp_path_factory):
     return data, first_model(data, load_prior(), config)
 
 
-def test_weights_count_the_line_pixels_of_all_photographs(scene):
+def test_pixels_of_knots_and_texels_are_the_line_pixels_of_all_photographs(scene):
     data, model = scene
     strands = model.decode()
-    weights = texel_weights(model, strands, data.views)
+    pixels = knot_pixels(model, strands, data.views)
     lines = [model.draw(strands, camera).lines for camera in data.views.cameras]
     seen = sum(float((buffer.segment >= 0).sum()) for buffer in lines)
+    assert float(pixels.sum()) == pytest.approx(seen, rel=1e-4)
+    weights = texel_sums(model, strands, pixels)
+    assert weights.shape == (32, 32, model.textures.knots)
     assert float(weights.sum()) == pytest.approx(seen, rel=1e-4)
     visible = visible_points(lines[0], strands.points, model.config.supersample)
-    assert weights.shape == (32, 32, model.textures.knots)
     assert len(visible) > 100
+
+
+def learned(scene):
+    """Line pixels of each texel; what was learned has values from 1 to 1.1, and what was not is far from it."""
+    data, model = scene
+    strands = model.decode()
+    pixels = texel_sums(model, strands, knot_pixels(model, strands, data.views))
+    shown = (pixels >= ENOUGH)[..., None]
+    values = torch.where(shown, 1.0 + 0.1 * torch.rand(*pixels.shape, 1), -7.0).expand(-1, -1, -1, 16)
+    with torch.no_grad():
+        model.textures.appearance.copy_(values.flatten(2))
+    return strands, pixels, values
+
+
+def parts_of(strands, unseen):
+    return torch.full((len(strands.points), 6), unseen)
 
 
 def test_hair_at_the_back_takes_the_colours_of_the_hair_in_front(scene):
     data, model = scene
-    strands = model.decode()
-    seen = texel_weights(model, strands, data.views) >= ENOUGH
-    knots = model.textures.knots
-    # What was learned, in green; what was not, in a colour far from it.
-    values = torch.where(seen[..., None], 1.0 + 0.1 * torch.rand(32, 32, knots, 1), -7.0)
-    with torch.no_grad():
-        model.textures.appearance.copy_(values.expand(-1, -1, -1, 16).flatten(2))
+    strands, pixels, values = learned(scene)
+    seen = pixels >= ENOUGH * (1 + 1e-5)
     assert (read(model) < 0).float().mean() > 0.1
-    fill_unseen_appearance(model, strands, data.views)
-    after = model.textures.appearance.detach().unflatten(2, (knots, -1))
-    assert torch.equal(after[seen], values.expand(-1, -1, -1, 16)[seen])
+    fill_unseen_appearance(model, strands, data.views, parts_of(strands, unseen=False))
+    after = model.textures.appearance.detach().unflatten(2, (model.textures.knots, -1))
+    assert torch.equal(after[seen], values[seen])
     assert ((after >= 1.0 - 1e-5) & (after <= 1.1 + 1e-5)).all()
     assert (read(model) > 0).all()
+
+
+def test_hair_that_views_only_graze_keeps_little_of_its_own_colours(scene):
+    data, model = scene
+    strands, pixels, values = learned(scene)
+    left = strands.points[:, 0, 0] < 0
+    on_the_left, on_the_right = (
+        texel_sums(model, strands, side[:, None].expand(-1, model.textures.knots).float()) for side in (left, ~left)
+    )
+    grazed = (pixels >= ENOUGH) & (pixels < 0.1 * ENOUGH_UNSEEN) & (on_the_left > 0) & (on_the_right == 0)
+    faced = (pixels >= ENOUGH) & (on_the_left == 0)
+    assert min(int(grazed.sum()), int(faced.sum())) > 50
+    with torch.no_grad():
+        # What was learned of hair that views graze is odd.
+        values = torch.where(grazed[..., None], 3.0, values)
+        model.textures.appearance.copy_(values.flatten(2))
+    fill_unseen_appearance(model, strands, data.views, left[:, None].expand(-1, 6))
+    after = model.textures.appearance.detach().unflatten(2, (model.textures.knots, -1))
+    assert torch.equal(after[faced], values[faced])
+    assert after[grazed].max() < 2.9
+    assert after[grazed].mean() < 2.3
+    # Texels of both sides have neighbours of either.
+    edge = torch.nn.functional.max_pool2d(faced.permute(2, 0, 1).float(), 3, stride=1, padding=1).permute(1, 2, 0) > 0
+    assert after[grazed & edge].mean() < 1.6
 
 
 def test_a_fit_remembers_where_its_photographs_were_taken_from(scene):

@@ -93,6 +93,27 @@ def test_the_scalp_pulls_towards_its_normal():
     assert angle[2] > 1.5
 
 
+def test_pull_push_fills_an_image_as_the_layers_of_a_volume_that_repeats_it(generator):
+    values, weight = torch.rand(16, 24, 3, generator=generator), (torch.rand(16, 24, generator=generator) < 0.1).float()
+    layers = pull_push(values[:, :, None].expand(-1, -1, 32, -1), weight[:, :, None].expand(-1, -1, 32))
+    filled = pull_push(values, weight)
+    torch.testing.assert_close(layers, filled[:, :, None].expand_as(layers), atol=1e-5, rtol=1e-5)
+    assert torch.equal(filled[weight > 0], values[weight > 0])
+
+
+def test_pull_push_keeps_the_share_of_a_value_that_its_weight_says():
+    values, weight = torch.ones(8, 8, 1), torch.ones(8, 8)
+    values[3, 4], weight[3, 4] = 5.0, 0.25
+    filled = pull_push(values, weight)
+    # The coarse average about it: three texels of weight 1, and itself.
+    around = (3 + 0.25 * 5) / 3.25
+    blocks = torch.ones(4, 4)
+    blocks[1, 2] = around
+    doubled = torch.nn.functional.interpolate(blocks[None, None], scale_factor=2.0, mode="bilinear")[0, 0]
+    assert float(filled[3, 4]) == pytest.approx(0.25 * 5 + 0.75 * float(doubled[3, 4]), abs=1e-6)
+    assert torch.equal(filled[weight == 1], values[weight == 1])
+
+
 def test_pull_push_keeps_what_is_known_and_fills_the_rest_within_its_range(generator):
     values = torch.rand(9, 7, 5, 2, generator=generator)
     weight = (torch.rand(9, 7, 5, generator=generator) > 0.9).float()
