@@ -37,7 +37,7 @@ class ChamferConfig:
     """A segment pulls no strand if another one is nearer than this, metres: it shows a single hair."""
     alike: Annotated[float, Between(0, 180)] = 30.0
     """A strand and a segment whose directions differ by more than this, degrees, are different hairs, and neither pulls
-    the other: curls whose phases are unknown cross many segments. It holds only where strands were traced."""
+    the other: curls whose phases are unknown cross many segments. A fit from the mean strand has no such limit."""
     unit: Annotated[float, Between(1e-5, 10)] = 0.002
     """The distance that costs as much as a direction error of 90 degrees, metres."""
     signed: bool = False

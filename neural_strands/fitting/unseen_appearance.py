@@ -1,4 +1,4 @@
-"""The appearance of hair that no photograph shows, taken from its neighbours on the scalp.
+"""The appearance of hair that photographs hardly show, taken from its neighbours on the scalp.
 
 Texels of Z_a that never receive a gradient keep their initial values, which the trained networks turn into dark or
 coloured patches. So do those of hair at the edge of what views see: a few pixels that graze it, or that look into its
@@ -13,12 +13,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from neural_strands.fitting.first_colours import scatter_to_texture
 from neural_strands.flow.filling import pull_push
 from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
-from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
 ENOUGH, ENOUGH_UNSEEN = 4.0, 256.0
@@ -35,14 +35,21 @@ def fill_unseen_appearance(
         model: modified in place, only in texels that did not learn enough.
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
-        unseen: which parts of the strands, evenly spaced from root to tip, face too few views (see
-            `flow.unseen.unseen_parts`).
+        unseen: which parts of the strands, from root to tip, face too few views (see `flow.unseen.unseen_parts`).
+
+    Raises:
+        ValueError: the strands have no `root_uv`.
     """
     pixels = knot_pixels(model, strands, targets)
     parts = unseen.to(pixels)[:, None]
     share = functional.interpolate(parts, pixels.shape[1], mode="linear", align_corners=True)[:, 0]
-    trust = texel_sums(model, strands, pixels * ((1 - share) / ENOUGH + share / ENOUGH_UNSEEN))
-    trust = torch.where(texel_sums(model, strands, pixels) >= ENOUGH, trust, 0.0)
+    trusted = pixels * ((1 - share) / ENOUGH + share / ENOUGH_UNSEEN)
+    height, width, _ = model.textures.appearance.shape
+    with torch.enable_grad():
+        places = strands.chart_positions()
+        sums, _ = scatter_to_texture(torch.cat([trusted, pixels], dim=1), places, height, width)
+    trust, count = sums.chunk(2, dim=2)
+    trust = torch.where(count >= ENOUGH, trust, 0.0)
     knots = model.textures.appearance.detach().unflatten(2, (model.textures.knots, -1))
     for knot in range(model.textures.knots):
         if bool((trust[:, :, knot] > 0).any()):
@@ -62,17 +69,3 @@ def knot_pixels(model: HairModel, strands: Strands, targets: Views | Sequence[Vi
         between = interpolate_knots(knots, visible.strand, visible.t)[:, 0]
         total += weighted_gradient(between, visible.weight, knots)[..., 0]
     return total
-
-
-@torch.enable_grad()
-def texel_sums(
-    model: HairModel, strands: Strands, values: Float[Tensor, "strand knot"]
-) -> Float[Tensor, "height width knot"]:
-    """Sums of values of strands in the texels of Z_a that they read, shared out as they are read.
-
-    Raises:
-        ValueError: the strands have no `root_uv`.
-    """
-    height, width, _ = model.textures.appearance.shape
-    image = strands.points.new_zeros(height, width, model.textures.knots, requires_grad=True)
-    return weighted_gradient(sample_texture(image, strands.chart_positions()), values, image)

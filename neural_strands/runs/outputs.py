@@ -37,7 +37,7 @@ PREVIEW_SIDE = 1024
 def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dict[str, str]) -> Strands:
     """Write the model and the groom of a fit, finished or stopped; returns the strands.
 
-    First, hair that no photograph shows takes its appearance from its neighbours.
+    First, hair that photographs hardly show takes its appearance from its neighbours.
 
     Raises:
         InputError: the folder cannot be written.
@@ -55,7 +55,7 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
 
 
 def parts_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> Bool[Tensor, "strand part"]:
-    """Which parts of the strands, evenly spaced from root to tip, too few of the fit's cameras could see."""
+    """Which parts of the strands, from root to tip, too few of the fit's cameras could see."""
     index = MeshIndex(head)
     before = [HeadView.of(camera, index) for camera in cameras]
     return unseen_parts(strands.points, before, SignedDistanceIndex(head))

@@ -8,6 +8,7 @@ from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
+from neural_strands.fitting.first_colours import scatter_to_texture
 from neural_strands.fitting.first_model import first_model
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.unseen_appearance import (
@@ -15,7 +16,6 @@ from neural_strands.fitting.unseen_appearance import (
     ENOUGH_UNSEEN,
     fill_unseen_appearance,
     knot_pixels,
-    texel_sums,
 )
 from neural_strands.model.hair_model import HairModel
 from neural_strands.prior.vae import load_prior
@@ -47,6 +47,11 @@ def test_pixels_of_knots_and_texels_are_the_line_pixels_of_all_photographs(scene
     assert float(weights.sum()) == pytest.approx(seen, rel=1e-4)
     visible = visible_points(lines[0], strands.points, model.config.supersample)
     assert len(visible) > 100
+
+
+def texel_sums(model, strands, values):
+    sums, _ = scatter_to_texture(values, strands.root_uv, 32, 32)
+    return sums
 
 
 def learned(scene):
