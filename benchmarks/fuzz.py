@@ -129,6 +129,8 @@ def drive(reader: FuzzedReader, corpus: Path, out: Path, seed: int, inputs: int,
     """Run a reader in separate processes; one that dies or hangs without reacting to signals is a fault."""
     current = out / f"{tally_path(out, reader.name).stem}.current"
     while (tally := load_tally(out, reader.name, seed)).inputs < inputs and tally.seconds < seconds:
+        # What an earlier process left is older than a hang; this one has not begun to read.
+        current.unlink(missing_ok=True)
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / "corpus"
             shutil.copytree(corpus, copy)

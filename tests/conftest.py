@@ -1,13 +1,19 @@
 """Fixtures that every test may use."""
 
+import gc
 import os
 import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import jaxtyping
 import pytest
 import torch
+from frame_room import with_frame_room
+from shape_checks import check_package
+
+check_package("neural_strands")
 
 WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -24,6 +30,20 @@ def pytest_configure() -> None:
         threads = max(1, (os.cpu_count() or 1) // WORKERS)
         torch.set_num_threads(threads)
         os.environ["OMP_NUM_THREADS"] = str(threads)  # for the programs that tests start
+
+
+def pytest_collection(session: pytest.Session) -> bool:
+    """Collect with room for frames and without the garbage collector.
+
+    This imports the package, with a checker for each of its functions, and all of that stays in memory.
+    """
+    gc.disable()
+    try:
+        with_frame_room(session.perform_collect)
+        gc.freeze()
+    finally:
+        gc.enable()
+    return True
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -62,6 +82,15 @@ def cuda() -> torch.device:
 def generator() -> torch.Generator:
     """A fresh generator, the same in every run."""
     return torch.Generator().manual_seed(0)
+
+
+@pytest.fixture
+def shapes_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No checks of shapes and types at calls, which take much of a tiny fit's time.
+
+    For long fits, and for what a command leaves, keeps and refuses: other tests of the same code check the shapes.
+    """
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.fixture(scope="session")

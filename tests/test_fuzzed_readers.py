@@ -141,8 +141,10 @@ def mumble(path: Path):
     ],
 )
 def test_faults_are_told_apart(read, kind, tmp_path, monkeypatch):
-    monkeypatch.setattr(fuzzed_input, "SECONDS", 0.25)
-    monkeypatch.setattr(fuzzed_input, "STUCK", 2.0)
+    if kind == "hang":
+        # The other readers may take longer than this where a machine is slow.
+        monkeypatch.setattr(fuzzed_input, "SECONDS", 0.25)
+        monkeypatch.setattr(fuzzed_input, "STUCK", 2.0)
     path = tmp_path / "a"
     path.write_bytes(b"content")
     assert give(read, path).kind == kind

@@ -46,7 +46,7 @@ def narrow_person() -> Head:
     return replace(head, mesh=replace(head.mesh, vertices=with_mean_skull(head.mesh.vertices)))
 
 
-@pytest.mark.timeout(1500)
+@pytest.mark.timeout(3000)
 @pytest.mark.slow(seconds=190)
 def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("pycolmap")
@@ -56,7 +56,7 @@ def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.Mon
     black = MELANIN["black"]
     truth = make_groom(person_head, STYLES["short"], black, STRANDS, torch.Generator().manual_seed(0))
     # Black hair absorbs the light of longer paths, which would change the mean by a thousandth.
-    tracing = TracingConfig(samples=4, mask_samples=4, depth=4, passes=2, melanin=black)
+    tracing = TracingConfig(samples=4, mask_samples=4, depth=4, pigments=1, passes=2, melanin=black)
     tracer = PathTracer(person_head, truth, tracing, torch.Generator().manual_seed(0))
     random = np.random.default_rng(0)
     papers = [wallpaper(random) for _ in range(6)]
@@ -73,7 +73,9 @@ def test_bare_photographs_become_a_groom(tmp_path: Path, monkeypatch: pytest.Mon
     capture, run = str(tmp_path / "capture"), tmp_path / "run"
     landmarks = ["--landmarks", str(tmp_path / "landmarks.json")]
     assert main(["prepare", str(tmp_path / "photos"), capture, *landmarks]) == 0
-    assert main(["fit", capture, str(run), "--preset", "demo", "--config.steps", "20"]) == 0
+    # First strands are close already, and with the preset's voxels, tracing them takes longer than these steps.
+    quick = ["--config.steps", "10", "--config.strands", "4000", "--config.initial.flow.spacing", "0.004"]
+    assert main(["fit", capture, str(run), "--preset", "demo", *quick]) == 0
     found = Capture.load(Path(capture))
     assert len(found) == VIEWS
     places = torch.stack([camera.position for camera in found.cameras]).double()

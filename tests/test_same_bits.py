@@ -7,10 +7,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import jaxtyping
 import pytest
 import torch
 from order_of_sums import UnorderedSums
-from whole_line import THREADS, digests, use_threads, work
+from whole_line import THREADS, digests, use_threads, work, write_given
 
 PROGRAM = Path(__file__).with_name("support") / "whole_line.py"
 
@@ -21,10 +22,12 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> tuple[UnorderedSums, di
     out, threads, sums = tmp_path_factory.mktemp("watched"), torch.get_num_threads(), UnorderedSums()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NEURAL_STRANDS_WEIGHTS", str(out / "none"))
+        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+        given = write_given(out / "given")
         use_threads(THREADS)
         try:
             with sums:
-                work(out / "work")
+                work(out / "work", given)
         finally:
             use_threads(threads)
     return sums, digests(out / "work")

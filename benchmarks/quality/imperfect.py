@@ -27,7 +27,7 @@ from torch import Tensor
 from neural_strands.capture.capture import Capture, grown
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
-from neural_strands.capture.mask_border import MOST_VIEWS, border_of, mask_growth
+from neural_strands.capture.mask_border import MOST_VIEWS, growth_of
 from neural_strands.evaluation.geometry_metrics import THRESHOLDS, score_geometry
 from neural_strands.evaluation.oriented_points import sample_strands
 from neural_strands.fitting.config import FitConfig, Preset, preset
@@ -197,8 +197,7 @@ def corrected(given: Input) -> tuple[Input, int]:
     """Correct the masks' borders as a fit does; also returns by how much."""
     seen = [(view.image, view.hair_mask) for view in given.views if view.hair_mask is not None]
     chosen = seen[:: max(1, -(-len(seen) // MOST_VIEWS))]
-    pictures = [((255 * image).round().byte().numpy(), mask.numpy() > 0.5) for image, mask in chosen]
-    growth = mask_growth(border_of(pictures))
+    growth = growth_of([((255 * image).round().byte().numpy(), mask.numpy()) for image, mask in chosen])
     return (resized_masks(growth)(given) if growth else given), growth
 
 

@@ -4,6 +4,9 @@ Segmentation programs and people have a bias: their masks end some pixels inside
 hair only inside the masks, and pixels masked by mistake bend the flow, so a few pixels matter. The offset is measured
 in the photographs: pixels well inside the masks show what hair looks like, those well outside what the rest looks like,
 and the hair ends where, on average over all views, both looks are equally common.
+
+Mattes of sparse hair are partly covered nearly everywhere: where they fall below a half, hair goes on, but so do they.
+Masks are therefore too tight only if hair also goes on where they are hardly covered any more.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,29 +38,60 @@ at the outer end; otherwise the offset is unknown."""
 TIGHT, WIDE = 1.5, -2.5
 """Offsets above the first mean masks that are too tight, below the second too wide, pixels; a margin of a pixel or two
 is fine."""
+COVERED, FAINT = 0.5, 0.3
+"""Values of a mask at which it ends: where pictures are compared, and where stereo takes no pixel for hair any more."""
+TIGHT_FAINT = 1.9
+"""Masks that are too tight also end this far inside the hair at their faint end, pixels: mattes of sparse hair end 1.1
+to 1.2 pixels inside it, those of dense hair 2.7 to 3.3 when they are eroded by 4 pixels."""
 WANTED = 1.0
 """Margin beyond the hair that shrunk masks keep, pixels."""
 
 
-def mask_border(capture: Capture) -> float | None:
-    """Measure how far hair extends beyond the masks' borders; negative if the masks extend beyond the hair.
+def mask_growth(capture: Capture) -> int:
+    """Measure by how many pixels masks should be grown; negative to shrink them, usually 0.
 
     Args:
         capture: photographs and hair masks.
 
     Returns:
-        Pixels of views reduced to `LONGEST_SIDE`; None if the photographs do not determine it.
+        Pixels of views reduced to `LONGEST_SIDE`; 0 if the photographs do not determine it.
 
     Raises:
         InputError: a photograph or a mask cannot be read.
     """
     masked = [index for index, view in enumerate(capture.files) if view.hair_mask_path is not None]
     chosen = masked[:: max(1, -(-len(masked) // MOST_VIEWS))]
-    return border_of([_reduced_view(capture, index) for index in chosen])
+    return growth_of([_reduced_view(capture, index) for index in chosen])
+
+
+def growth_of(views: Sequence[tuple[np.ndarray, Float[np.ndarray, "height width"]]]) -> int:
+    """Like `mask_growth`, for pairs of an 8-bit RGB picture and the coverage of its pixels by hair, from 0 to 1."""
+    border = border_of([(picture, coverage > COVERED) for picture, coverage in views])
+    tight = border is not None and border >= TIGHT
+    faint = border_of([(picture, coverage > FAINT) for picture, coverage in views]) if tight else None
+    return needed_growth(border, faint)
+
+
+def needed_growth(border: float | None, faint: float | None) -> int:
+    """Pixels by which to grow masks that end this far inside the hair; negative to shrink them, usually 0.
+
+    Args:
+        border: how far hair extends beyond where the masks fall below `COVERED`, pixels, if that is known.
+        faint: the same for `FAINT`; only counts for masks that are too tight.
+    """
+    if border is None or WIDE < border < TIGHT:
+        return 0
+    if border < 0:
+        return round(border + WANTED)
+    return 0 if faint is None or faint < TIGHT_FAINT else round(border)
 
 
 def border_of(views: Sequence[tuple[np.ndarray, Bool[np.ndarray, "height width"]]]) -> float | None:
-    """Like `mask_border`, for pairs of an 8-bit RGB picture and its boolean hair mask."""
+    """How far hair extends beyond masks, pixels; negative if masks extend beyond the hair, None if that is unknown.
+
+    Args:
+        views: pairs of an 8-bit RGB picture and its mask.
+    """
     seen = [(look_cells(picture), _signed_distance(mask)) for picture, mask in views if mask.any() and not mask.all()]
     inner = [cells[distance < -WELL_INSIDE] for cells, distance in seen]
     outer = [cells[(distance > WELL_OUTSIDE) & (distance < NEAR)] for cells, distance in seen]
@@ -76,13 +110,6 @@ def border_of(views: Sequence[tuple[np.ndarray, Bool[np.ndarray, "height width"]
     return float(places[after] - (0.5 - curve[after]) / (curve[after - 1] - curve[after]))
 
 
-def mask_growth(border: float | None) -> int:
-    """Pixels by which to grow masks, given their `mask_border`; negative to shrink them, usually 0."""
-    if border is None or WIDE < border < TIGHT:
-        return 0
-    return round(border) if border > 0 else round(border + WANTED)
-
-
 def with_corrected_masks(capture: Capture, judged: Capture, say: Callable[[str], None]) -> Capture:
     """Grow or shrink a capture's hair masks so that they end where its hair does.
 
@@ -94,7 +121,7 @@ def with_corrected_masks(capture: Capture, judged: Capture, say: Callable[[str],
     Raises:
         InputError: a photograph or a mask cannot be read.
     """
-    growth = mask_growth(mask_border(judged))
+    growth = mask_growth(judged)
     if growth == 0:
         return capture
     say(f"{_fault(growth, judged)}; they are {'grown' if growth > 0 else 'shrunk'} by as much")
@@ -107,7 +134,7 @@ def check_border(capture: Capture) -> Finding | None:
     Raises:
         InputError: a photograph or a mask cannot be read.
     """
-    growth = mask_growth(mask_border(capture))
+    growth = mask_growth(capture)
     if growth == 0:
         return None
     action = "fits correct this, but masks that end at the hair's border, or a pixel or two outside it, are better"
@@ -127,11 +154,11 @@ def _longest_side(capture: Capture) -> int:
     return max(max(camera.width, camera.height) for camera in capture.cameras)
 
 
-def _reduced_view(capture: Capture, index: int) -> tuple[np.ndarray, Bool[np.ndarray, "height width"]]:
+def _reduced_view(capture: Capture, index: int) -> tuple[np.ndarray, Float[np.ndarray, "height width"]]:
     picture, mask = capture.image(index).numpy(), capture.hair_mask(index)
     assert mask is not None
-    small, hair = (reduced(each, LONGEST_SIDE) for each in (picture, mask.numpy()))
-    return np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8), hair > 0.5
+    small, coverage = (reduced(each, LONGEST_SIDE) for each in (picture, mask.numpy()))
+    return np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8), coverage
 
 
 def _signed_distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:

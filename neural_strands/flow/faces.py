@@ -30,13 +30,7 @@ def neighbour_sum(
     values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
 ) -> Float[Tensor, "cell channel"]:
     """Sum over the cells behind each cell's faces (see `face_neighbours`); no gradient passes."""
-    if values.dtype != torch.float32:
-        return neighbour_sum_reference(values, neighbours)
-    padded = torch.cat([values, values.new_zeros(1, values.shape[1])])
-    sums = kernels.zeros(values.shape, torch.float32, values.device)
-    inputs = [kernels.array(tensor) for tensor in (padded, neighbours, sums)]
-    kernels.launch_split(sum_kernel, len(values), inputs, values.device)
-    return sums
+    return _over_neighbours(values, neighbours, is_mean=False)
 
 
 def neighbour_sum_reference(
@@ -47,18 +41,25 @@ def neighbour_sum_reference(
 
 
 def neighbour_mean(
-    values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"], count: Int64[Tensor, " cell"]
+    values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
 ) -> Float[Tensor, "cell channel"]:
-    """Mean over the cells behind each cell's faces; a cell without any keeps its own value.
-
-    Args:
-        values: values of the cells.
-        neighbours: result of `face_neighbours`.
-        count: number of each cell's neighbours, from `neighbour_count(neighbours)`.
-    """
-    return torch.where(count[:, None] > 0, neighbour_sum(values, neighbours) / count[:, None].clamp(min=1), values)
+    """Mean over the cells behind each cell's faces; a cell without any keeps its own value. No gradient passes."""
+    return _over_neighbours(values, neighbours, is_mean=True)
 
 
-def neighbour_count(neighbours: Int64[Tensor, "cell 6"]) -> Int64[Tensor, " cell"]:
-    """Number of cells behind each cell's faces."""
-    return (neighbours < len(neighbours)).sum(dim=1)
+def neighbour_mean_reference(
+    values: Float[Tensor, "cell channel"], neighbours: Int64[Tensor, "cell 6"]
+) -> Float[Tensor, "cell channel"]:
+    """`neighbour_mean` in plain torch, for tests."""
+    count = (neighbours < len(neighbours)).sum(dim=1, keepdim=True)
+    return torch.where(count > 0, neighbour_sum_reference(values, neighbours) / count.clamp(min=1), values)
+
+
+def _over_neighbours(values: Tensor, neighbours: Tensor, is_mean: bool) -> Tensor:
+    if values.dtype != torch.float32:
+        return (neighbour_mean_reference if is_mean else neighbour_sum_reference)(values, neighbours)
+    padded = torch.cat([values, values.new_zeros(1, values.shape[1])])
+    found = kernels.zeros(values.shape, torch.float32, values.device)
+    inputs = [kernels.array(padded), kernels.array(neighbours), int(is_mean), kernels.array(found)]
+    kernels.launch_split(sum_kernel, len(values), inputs, values.device)
+    return found

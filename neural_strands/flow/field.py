@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.flow.faces import face_neighbours, neighbour_count, neighbour_mean
+from neural_strands.flow.faces import face_neighbours, neighbour_mean
 from neural_strands.flow.filling import average, pull_push
 from neural_strands.flow.unseen import UnseenHair, along_head, marked
 from neural_strands.foundation.configs import Between
@@ -119,14 +119,13 @@ def diffuse_directions(
         start[guess.voxels] = guess.directions
     cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
     neighbours = face_neighbours(domain)
-    count = neighbour_count(neighbours)
     value, known, normals = (volume.reshape(-1, 3)[cells] for volume in (start, shell, normal))
     is_fixed, is_pulled = (mask.reshape(-1)[cells, None] for mask in (fixed, pulled))
     value = functional.normalize(value, dim=-1)
+    lying = None if guess is None else torch.searchsorted(cells, guess.voxels)
     for _ in track(range(config.iterations), "smoothing growth directions", config.iterations):
-        mean = neighbour_mean(value, neighbours, count)
+        mean = neighbour_mean(value, neighbours)
         if guess is not None:
-            lying = torch.searchsorted(cells, guess.voxels)
             mean[lying] = along_head(mean[lying], guess.place)
         strength = mean.norm(dim=-1, keepdim=True).clamp(min=0.3)
         towards_normal = (1 - config.normal_pull) * mean + config.normal_pull * strength * normals

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.nn import functional
 
-from neural_strands.flow.faces import face_neighbours, neighbour_count, neighbour_mean
+from neural_strands.flow.faces import face_neighbours, neighbour_mean
 from neural_strands.flow.filling import average, pull_push
 from neural_strands.foundation.configs import Between
 from neural_strands.geometry.line_segments import LineSegments
@@ -294,7 +294,6 @@ def lying_directions(
     fixed = weight > 0
     cells = torch.nonzero((about | fixed).reshape(-1)).squeeze(1)
     neighbours = face_neighbours(about | fixed)
-    count = neighbour_count(neighbours)
     start = pull_push(known, fixed.to(known)).reshape(-1, 3)
     value, rise = start[cells], climbing(thickness, layer.distance, config)
     place = OverHead(layer.outward.reshape(-1, 3), layer.distance.reshape(-1), rise.reshape(-1)).select(cells)
@@ -304,7 +303,7 @@ def lying_directions(
     # A mean of neighbours plus a pull solves a screened Poisson equation, whose solutions decay over `gravity_reach`.
     pull = (layer.grid.spacing / config.gravity_reach) ** 2 / 6
     for _ in range(config.sweeps):
-        mean = neighbour_mean(value, neighbours, count)
+        mean = neighbour_mean(value, neighbours)
         lying = along_head(mean + pull * down, place)
         value = torch.where(is_fixed, given, torch.where(is_unseen, lying, mean))
     return start.index_copy(0, cells, value).reshape(*layer.grid.shape, 3)
@@ -341,10 +340,9 @@ def harmonic(
     domain = domain | fixed
     cells = torch.nonzero(domain.reshape(-1)).squeeze(1)
     neighbours = face_neighbours(domain)
-    count = neighbour_count(neighbours)
     start = pull_push(known, fixed.to(known)).reshape(-1, known.shape[-1])
     value, is_fixed = start[cells], fixed.reshape(-1)[cells, None]
     given = value
     for _ in range(sweeps):
-        value = torch.where(is_fixed, given, neighbour_mean(value, neighbours, count))
+        value = torch.where(is_fixed, given, neighbour_mean(value, neighbours))
     return start.index_copy(0, cells, value).reshape(known.shape)

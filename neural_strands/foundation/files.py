@@ -63,6 +63,23 @@ def check_writable(path: Path) -> None:
         raise _unwritable(path, error) from error
 
 
+def check_folder_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be created or written to, before the work whose results it would hold.
+
+    The folder is not created.
+
+    Raises:
+        InputError: the folder cannot be created or written to.
+    """
+    try:
+        there = next(path for path in (folder, *folder.parents) if path.exists())
+        probe = _beside(there / folder.name, "")
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
 def is_taken(folder: Path) -> bool:
     """Whether something that a user may want to keep is where a folder is to be written: a file, or a full folder."""
     if not folder.is_dir():

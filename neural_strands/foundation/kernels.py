@@ -154,9 +154,9 @@ def run_together(jobs: Sequence[Callable[[], object]]) -> None:
     if len(jobs) == 1:
         jobs[0]()
         return
-    pool = ThreadPoolExecutor(len(jobs) - 1)
+    helpers = _helpers(len(jobs) - 1)
+    others = [(job, helpers.submit(job)) for job in jobs[1:]]
     try:
-        others = [(job, pool.submit(job)) for job in jobs[1:]]
         jobs[0]()
         for job, begun in others:
             if begun.cancel():
@@ -164,7 +164,14 @@ def run_together(jobs: Sequence[Callable[[], object]]) -> None:
             else:
                 begun.result()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        for _, begun in others:
+            begun.cancel()
+
+
+@functools.cache
+def _helpers(count: int) -> ThreadPoolExecutor:
+    """Threads that are kept: starting them for each launch took much longer (docs/experiments/speed.md)."""
+    return ThreadPoolExecutor(count, thread_name_prefix="kernels")
 
 
 def load(kernel: Kernel, device: torch.device | str) -> None:

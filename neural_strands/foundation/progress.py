@@ -50,6 +50,11 @@ class Feedback:
     say: Callable[[str], None] = _unsaid
     track: Track = untracked
 
+    @property
+    def heard(self) -> bool:
+        """Whether anybody receives the sentences."""
+        return self.say is not _unsaid
+
 
 def progress_bar() -> "Progress":
     """Return a rich progress display that shows nothing unless standard error is a terminal."""

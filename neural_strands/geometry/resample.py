@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from neural_strands.geometry.spline import fit_splines
+from neural_strands.geometry.spline import Splines, fit_splines
 from neural_strands.geometry.strands import Strands, segments
 
 MINIMUM_STEP = 1e-9
@@ -15,6 +15,8 @@ SUBSTEPS = 16
 """Number of chords that measure the arc length of each segment of a spline."""
 BLOCK = 4096
 """Number of strands resampled together, to bound memory."""
+SAMPLES = 2**16
+"""Number of samples that the CPU evaluates at a time (docs/experiments/speed.md)."""
 
 
 def resample_polyline_lengths(points: Float[Tensor, "strand point 3"], count: int) -> Float[Tensor, "strand {count} 3"]:
@@ -141,8 +143,7 @@ def _resample_block(
     ended = position >= (sizes - 1)[:, None]
     segment = torch.minimum(segment, (sizes - 2)[:, None])
     fraction = torch.where(ended, 1.0, position - segment)
-    samples = splines.evaluate(segment, fraction)
-    arc = (samples[:, 1:] - samples[:, :-1]).norm(dim=-1).cumsum(dim=1)
+    arc = _chords(splines, segment, fraction).cumsum(dim=1)
     arc = torch.cat([arc.new_zeros(strands, 1), arc], dim=1)
     target = arc[:, -1:] * torch.linspace(0.0, 1.0, count, dtype=points.dtype, device=points.device)
     final = (sizes - 1)[:, None] * SUBSTEPS
@@ -153,3 +154,15 @@ def _resample_block(
     place = (right - 1 + weight) / SUBSTEPS
     segment = torch.minimum(place.detach().long(), (sizes - 2)[:, None])
     return splines.evaluate(segment, place - segment), place
+
+
+def _chords(
+    splines: Splines, segment: Int64[Tensor, "strand sample"], fraction: Float[Tensor, "strand sample"]
+) -> Float[Tensor, "strand sample-1"]:
+    """Distances between samples that follow each other, some strands at a time."""
+    strands = max(1, SAMPLES // segment.shape[1] if segment.device.type == "cpu" else len(segment))
+    parts = []
+    for number, (where, along) in enumerate(zip(segment.split(strands), fraction.split(strands), strict=True)):
+        samples = splines.select(slice(number * strands, (number + 1) * strands)).evaluate(where, along)
+        parts.append((samples[:, 1:] - samples[:, :-1]).norm(dim=-1))
+    return torch.cat(parts)

@@ -35,6 +35,10 @@ class Splines:
     curvature: Float[Tensor, "strand point 3"]
     sizes: Int64[Tensor, " strand"]
 
+    def select(self, rows: slice) -> "Splines":
+        """The splines of some strands."""
+        return Splines(self.knots[rows], self.points[rows], self.curvature[rows], self.sizes[rows])
+
     def evaluate(
         self, segment: Int64[Tensor, "strand sample"], fraction: Float[Tensor, "strand sample"]
     ) -> Float[Tensor, "strand sample 3"]:

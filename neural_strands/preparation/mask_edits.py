@@ -36,6 +36,23 @@ class WrittenMask:
 
 
 @dataclass(frozen=True)
+class ChosenMasks:
+    """Masks of one kind: those of a stage, or the user's where they were edited.
+
+    Attributes:
+        files: one for each picture, None where it has no mask.
+        inputs: the user's, as an input of stages that read the masks; empty if there are none.
+    """
+
+    files: tuple[Path | None, ...]
+    inputs: dict[str, str]
+
+    def present(self) -> list[Path]:
+        """The masks of the pictures that have one."""
+        return [file for file in self.files if file is not None]
+
+
+@dataclass(frozen=True)
 class MaskEdits:
     """The masks of a capture, and which of them the user has edited.
 
@@ -83,10 +100,12 @@ class MaskEdits:
             )
         return told.strip()
 
-    def chosen(self, kind: str, file: Path) -> Path:
-        """The mask to use for the picture of a stage's mask: the user's, if it was edited."""
-        name = f"{kind}/{file.name}"
-        return self.capture / name if name in self.edited else file
+    def chosen(self, kind: str, masks: Sequence[Path | None]) -> ChosenMasks:
+        """Replace masks of a stage, named like their pictures, by the user's where those were edited."""
+        names = {file: f"{kind}/{file.name}" for file in masks if file is not None}
+        edited = {file: self.capture / name for file, name in names.items() if name in self.edited}
+        files = tuple(None if file is None else edited.get(file, file) for file in masks)
+        return ChosenMasks(files, {"edited": digest_files(edited.values())} if edited else {})
 
     def write(self, masks: Mapping[str, Sequence[Path]]) -> None:
         """Copy masks into the capture; those that `chosen` returned from there stay as they are.

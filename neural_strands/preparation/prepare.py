@@ -13,7 +13,7 @@ skull         the head, raised to the hair if it lies too low
 """
 
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,10 @@ from neural_strands.foundation.files import is_taken, remove_leftovers, sole_wri
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
     Calibration,
+    Originals,
     PosedLens,
     SparsePoints,
     calibrate,
-    lens_of,
 )
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
@@ -41,14 +41,13 @@ from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
-from neural_strands.preparation.mask_edits import MaskEdits
+from neural_strands.preparation.mask_edits import ChosenMasks, MaskEdits
 from neural_strands.preparation.masks.hair import find_hair, vote_on
 from neural_strands.preparation.masks.segmenter import (
     GivenMasks,
     Segmenter,
     call_segmenter,
     check_command,
-    read_mask,
     run_segmenter,
 )
 from neural_strands.preparation.masks.views import masked_views
@@ -58,6 +57,7 @@ from neural_strands.preparation.photographs.folder import (
     Photograph,
     import_photographs,
     read_list,
+    read_mask,
     read_picture,
     unread_pictures,
     write_picture,
@@ -140,26 +140,29 @@ def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], No
     cameras, lenses = run.cameras(photographs)
     calibration = Calibration.load(cameras.folder)
     given = None if request.masks is None else GivenMasks(request.masks, read_list(photographs.folder), lenses)
-    face = run.face(cameras, calibration, _Originals(read_list(photographs.folder), lenses))
-    head = run.head(cameras, calibration, face)
-    fitted = FittedHead.load(head.folder)
-    world = cameras_in_world(calibration.cameras, fitted.frame)
-    masks = run.masks(calibration, face, head, fitted, world, given)
+    face = run.face(cameras, calibration, Originals(read_list(photographs.folder), lenses))
     edits = MaskEdits.find(request.out, request.out / STAGES, calibration.pictures)
     if edits.sentence():
         say(edits.sentence())
-    hair = [edits.chosen(HAIR_MASKS, masks.file(picture.name)) for picture in calibration.pictures]
-    outlines = [edits.chosen(PERSON_MASKS, file) for file in run.outlines(calibration, face) if file is not None]
-    if edits.edited:
-        sized = ((file, (camera.width, camera.height)) for file, camera in zip(hair, world, strict=True))
+    people = [face.folder / PERSON / picture.name for picture in calibration.pictures]
+    outlines = edits.chosen(PERSON_MASKS, [file if file.is_file() else None for file in people])
+    head = run.head(cameras, calibration, face, outlines)
+    fitted = FittedHead.load(head.folder)
+    world = cameras_in_world(calibration.cameras, fitted.frame)
+    masks = run.masks(calibration, face, head, fitted, world, outlines, given)
+    hair = edits.chosen(HAIR_MASKS, [masks.file(picture.name) for picture in calibration.pictures])
+    if hair.inputs:
+        sized = ((file, (camera.width, camera.height)) for file, camera in zip(hair.present(), world, strict=True))
         zoned = ZonedHead.of(fitted.head, fitted.landmarks)
         vote = vote_on(world, zoned, (read_mask(file, size) for file, size in sized))
     else:
         vote = read_votes(masks.folder, len(fitted.head.mesh.vertices))
     scalp = person_scalp(fitted.head, vote)
     if request.head.bend:
-        fitted = FittedHead.load(run.skull(calibration, head, masks, fitted, world).folder)
-    CaptureFiles(world, calibration.pictures, hair, outlines, edits, fitted.head, scalp).write(request.out)
+        fitted = FittedHead.load(run.skull(calibration, head, masks, fitted, world, hair).folder)
+    pictures = calibration.pictures
+    files = CaptureFiles(world, pictures, hair.present(), outlines.present(), edits, fitted.head, scalp)
+    files.write(request.out)
     figures = {
         "photographs": len(read_list(photographs.folder)),
         "cameras": len(world),
@@ -270,7 +273,7 @@ class _Run:
 
         return self._stage("person", {"photographs": photographs.digest, "detector": detector.digests()}, work)
 
-    def face(self, cameras: Stage, calibration: Calibration, originals: "_Originals") -> Stage:
+    def face(self, cameras: Stage, calibration: Calibration, originals: Originals) -> Stage:
         """Landmarks of each view, and masks of the person if there is a detector to make them."""
         names = [picture.name for picture in calibration.pictures]
         marks, detector = self.request.head.landmarks, self.request.head.detector
@@ -290,7 +293,7 @@ class _Run:
 
         return self._stage("face", inputs, work)
 
-    def head(self, cameras: Stage, calibration: Calibration, face: Stage) -> Stage:
+    def head(self, cameras: Stage, calibration: Calibration, face: Stage, outlines: ChosenMasks) -> Stage:
         """The template placed on the person."""
         asked, template = self.request.head, self._template()
         inputs = {
@@ -301,12 +304,14 @@ class _Run:
             "pupil_distance": asked.size.pupil_distance,
             "bend": asked.bend,
         }
+        if asked.bend:
+            inputs |= outlines.inputs
 
         def work(out: Path) -> None:
             faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
-            outlines = self.outlines(calibration, face) if asked.bend else None
             loaded = Template.load(template.folder)
-            fit_head(calibration, faces, loaded, asked.size, outlines, self.say).save(out)
+            people = outlines.files if asked.bend else None
+            fit_head(calibration, faces, loaded, asked.size, people, self.say).save(out)
 
         return self._stage("head", inputs, work)
 
@@ -333,6 +338,7 @@ class _Run:
         head: Stage,
         fitted: FittedHead,
         cameras: Sequence[Camera],
+        outlines: ChosenMasks,
         given: GivenMasks | None,
     ) -> Stage:
         """Masks of the hair: given, made by the user's program, or computed."""
@@ -348,7 +354,7 @@ class _Run:
             elif segmenter is not None:
                 masks = run_segmenter(segmenter, calibration.pictures, out)
             else:
-                found = find_hair(cameras, calibration.pictures, zoned, self.outlines(calibration, face))
+                found = find_hair(cameras, calibration.pictures, zoned, outlines.files)
                 masks, vote = found.coverage, found.vote
             files = [out / picture.name for picture in calibration.pictures]
             for file, coverage in zip(files, masks, strict=True):
@@ -361,35 +367,23 @@ class _Run:
         inputs = {"face": face.digest, "head": head.digest, "segmenter": program, "votes": VOTES}
         if given is not None:
             inputs["given"] = given.digest()
+        elif segmenter is None:
+            inputs |= outlines.inputs
         return self._stage("masks", inputs, work)
 
     def skull(
-        self, calibration: Calibration, head: Stage, masks: Stage, fitted: FittedHead, cameras: Sequence[Camera]
+        self,
+        calibration: Calibration,
+        head: Stage,
+        masks: Stage,
+        fitted: FittedHead,
+        cameras: Sequence[Camera],
+        hair: ChosenMasks,
     ) -> Stage:
-        """The head with its skull raised to the hair."""
+        """The head with its skull raised to the hair, as the masks show it: those of the stage, or the user's."""
+        inputs = {"head": head.digest, "masks": masks.digest} | hair.inputs
 
         def work(out: Path) -> None:
-            views = masked_views(cameras, calibration.pictures, masks.folder)
-            raise_skull(fitted, views, self.say).save(out)
+            raise_skull(fitted, masked_views(cameras, calibration.pictures, hair.present()), self.say).save(out)
 
-        return self._stage("skull", {"head": head.digest, "masks": masks.digest}, work)
-
-    def outlines(self, calibration: Calibration, face: Stage) -> list[Path | None]:
-        """Masks of the person; None for views without one."""
-        files = [face.folder / PERSON / picture.name for picture in calibration.pictures]
-        return [file if file.is_file() else None for file in files]
-
-
-@dataclass(frozen=True)
-class _Originals:
-    """The photographs as they were taken, and their lenses."""
-
-    photographs: Sequence[Photograph]
-    lenses: Mapping[str, PosedLens]
-
-    def to_picture(self, name: str, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (n, 2) of the undistorted picture `name` for pixels of the upright photograph."""
-        photograph = next(photograph for photograph in self.photographs if photograph.name == name)
-        posed = lens_of(photograph, self.lenses)
-        moved = photograph.scale * pixels
-        return moved if posed is None else posed.lens.undistort_points(moved)
+        return self._stage("skull", inputs, work)

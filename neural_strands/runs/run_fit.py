@@ -21,7 +21,7 @@ from neural_strands.fitting.losses import Perceptual
 from neural_strands.fitting.perceptual import perceptual_loss
 from neural_strands.fitting.stereo import check_source, find_segments, segments_source
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import sole_writer
+from neural_strands.foundation.files import check_folder_writable, sole_writer
 from neural_strands.foundation.progress import Feedback, Steps
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.lmvs.files import load_segments, load_segments_source, save_segments
@@ -44,6 +44,8 @@ from neural_strands.scalp.head import Head
 CACHE_BYTES_FOR_A_GPU = 4 * 2**30
 """Size of the cache of decoded photographs for a fit on a GPU, whose steps are faster than decoding: 4 GiB, enough for
 200 photographs of 4 megapixels and their masks."""
+FORECAST_FROM = 100
+"""Smallest number of steps of a fit that is forecast: the forecast's trial steps would take much of a shorter one."""
 CHECKPOINT_SECONDS = 60.0
 PREVIEW_SECONDS = 120.0
 
@@ -142,9 +144,11 @@ def prepare_run(
 ) -> PreparedRun:
     """Check a new run or the one to resume, and report its expected cost; nothing is written.
 
+    The cost of a short fit, or of one that nobody follows, is not forecast: trials would take time for nothing.
+
     Raises:
         InputError: the capture, the head or the segments cannot be fitted, the prior or the networks cannot be used, or
-            the folder contains another run.
+            the folder contains another run or cannot be written to.
     """
     folder = RunFolder(request.out)
     if request.out.resolve() == request.capture.resolve():
@@ -157,6 +161,8 @@ def prepare_run(
     workers.wait()
     if resuming and not request.resume:
         raise _run_there(request.out)
+    if workers.leads:
+        check_folder_writable(request.out)
     seen = capture.subset(training_views(len(capture), config.hold_out_every))
     check_views(seen)
     if config.correct_masks:
@@ -171,13 +177,14 @@ def prepare_run(
     networks = None if request.networks is None else read_networks(request.networks, config.model)
     prior, perceptual = fit_prior(request.prior, device), perceptual_loss(device, feedback.say)
     distance = None if resuming else head_distance_grid(head.mesh.to(device))
-    if distance is not None:
+    forecast_helps = feedback.heard and config.steps >= FORECAST_FROM
+    if distance is not None and (request.minutes is not None or forecast_helps):
         cost = forecast(capture, head, prior, config, perceptual, device, given, distance)
         if request.minutes is not None:
             config = replace(config, steps=workers.agree(steps_for(request.minutes, cost, config)))
             cost = replace(cost, fit_seconds=60 * request.minutes)
         feedback.say(cost.sentence())
-    elif request.minutes is not None:
+    elif resuming and request.minutes is not None:
         config = replace(config, steps=read_description(folder).config.steps)
     described = RunDescription(
         str(request.capture.absolute()),

@@ -43,12 +43,12 @@ def bits(folder):
 
 
 @pytest.mark.slow(seconds=200)
-@pytest.mark.timeout(1500)
+@pytest.mark.timeout(3000)
 @pytest.mark.skipif(os.name == "nt", reason="a killed node is one of Linux or macOS")
 def test_a_killed_node_costs_nothing_and_a_broken_subject_stops_no_other(nodes, tmp_path):
     ball = write_ball(tmp_path)
     tables = {"bob": ball, "twin": ball, "eve": {**ball, "capture": str(tmp_path / "later")}}
-    subjects, out = write_subjects(tmp_path / "subjects.toml", tables, steps=60), tmp_path / "out"
+    subjects, out = write_subjects(tmp_path / "subjects.toml", tables, steps=60, initialise="mean"), tmp_path / "out"
     address = nodes.stdout.readline().strip()
     batch = started([subjects, out, "--address", address, "--json"], tmp_path)
     checkpoints = [out / name / "run" / "checkpoint.pt" for name in ("bob", "twin")]
@@ -57,7 +57,7 @@ def test_a_killed_node_costs_nothing_and_a_broken_subject_stops_no_other(nodes, 
     time.sleep(1.0)
     nodes.stdin.write("kill\n")
     nodes.stdin.flush()
-    told, said = batch.communicate(timeout=700)
+    told, said = batch.communicate(timeout=1400)
     assert batch.returncode == 2, said
     assert said.splitlines()[-1].startswith(
         "neural-strands: expected all 3 subjects to be done, found 1 that failed: eve;"
@@ -72,7 +72,7 @@ def test_a_killed_node_costs_nothing_and_a_broken_subject_stops_no_other(nodes, 
     written = (out / "bob" / "run" / "groom.npz").stat().st_mtime_ns
     shutil.copytree(tmp_path / "ball", tmp_path / "later")
     again = started([subjects, out, "--address", address, "--resume"], tmp_path)
-    told, said = again.communicate(timeout=700)
+    told, said = again.communicate(timeout=1400)
     assert again.returncode == 0, said
     assert told.startswith("3 of 3 subjects done")
     assert (out / "bob" / "run" / "groom.npz").stat().st_mtime_ns == written

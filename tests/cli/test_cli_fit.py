@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import jaxtyping
 import numpy as np
 import pytest
 import torch
@@ -28,23 +29,58 @@ from neural_strands.prior.vae import load_prior, save_prior
 from neural_strands.runs.run_folder import FORMAT, RunFolder, read_description
 from neural_strands.runs.run_log import LOSSES
 
+SETTINGS = tiny_config(steps=8, initialise="mean")
+
+
+@pytest.fixture(scope="module")
+def made_capture(tmp_path_factory):
+    """A folder with a capture and its segments."""
+    folder = tmp_path_factory.mktemp("made_capture")
+    save_segments(folder / "segments.npz", true_segments(write_capture(folder / "ball")))
+    return folder
+
+
+def shrink_presets(patch, folder):
+    """Let every preset be the tiny settings, without weights of the perceptual loss."""
+    patch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
+    patch.setattr(fit_config, "preset", lambda _: SETTINGS)
+
 
 @pytest.fixture
-def tiny(tmp_path, monkeypatch):
-    """A capture with its segments, and the presets shrunk to its size."""
-    strands = write_capture(tmp_path / "ball")
-    save_segments(tmp_path / "segments.npz", true_segments(strands))
-    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
-    monkeypatch.setattr(fit_config, "preset", lambda _: replace(tiny_config(), steps=8))
+def tiny(made_capture, tmp_path, monkeypatch):
+    """A copy of that folder, and the presets shrunk to its size, without the time that first strands take."""
+    shutil.copytree(made_capture, tmp_path, dirs_exist_ok=True)
+    shrink_presets(monkeypatch, tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def made_run(made_capture, tmp_path_factory):
+    """A finished run, beside a copy of its capture."""
+    folder = tmp_path_factory.mktemp("made_run")
+    shutil.copytree(made_capture, folder, dirs_exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        shrink_presets(patch, folder)
+        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+        assert main(fit_arguments(folder)) == 0
+    return folder / "run"
+
+
+@pytest.fixture
+def fitted(tiny, made_run, capsys):
+    """`tiny` with a copy of that run."""
+    shutil.copytree(made_run, tiny / "run")
+    capsys.readouterr()
+    return tiny
 
 
 def fit_arguments(tiny, *more):
     return ["fit", str(tiny / "ball"), str(tiny / "run"), "--segments", str(tiny / "segments.npz"), *more]
 
 
-def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys):
-    assert main(fit_arguments(tiny)) == 0
+def test_fit_then_evaluate_leave_a_groom_a_model_and_a_report(tiny, capsys, monkeypatch):
+    monkeypatch.setattr("neural_strands.runs.run_fit.FORECAST_FROM", 8)
+    assert main(fit_arguments(tiny, "--config.initialise", "flow")) == 0
     told = capsys.readouterr()
     assert "200 strands after 8 steps" in told.out
     assert "expect about" in told.err
@@ -118,6 +154,7 @@ def chance_scores(groom, true_strands):
     return {score.threshold.name: score.unsigned.f_score for score in scores if score.threshold.name != "1mm/10deg"}
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_a_fit_is_shown_on_a_page_only_if_asked(tiny, monkeypatch):
     shown = []
 
@@ -128,10 +165,10 @@ def test_a_fit_is_shown_on_a_page_only_if_asked(tiny, monkeypatch):
         shown.append((run, (run / "groom.usd").exists()))
 
     monkeypatch.setattr("neural_strands.viewer.beside.page_beside", page)
-    assert main(fit_arguments(tiny)) == 0
+    assert main(fit_arguments(tiny, "--steps", "1")) == 0
     assert shown == []
     shutil.rmtree(tiny / "run")
-    assert main(fit_arguments(tiny, "--view")) == 0
+    assert main(fit_arguments(tiny, "--steps", "1", "--view")) == 0
     # The page is there before the fit begins, and until it has ended.
     assert shown == [(tiny / "run", False), (tiny / "run", True)]
 
@@ -152,57 +189,60 @@ def with_another_row(content: bytes) -> bytes:
     return changed.ljust(len(content), b"\0")
 
 
-def test_a_second_fit_into_the_same_folder_is_refused_and_nothing_is_lost(tiny, capsys):
-    assert main(fit_arguments(tiny)) == 0
-    before = (tiny / "run" / "groom.npz").read_bytes()
-    capsys.readouterr()
-    assert main(fit_arguments(tiny)) == 2
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_a_second_fit_into_the_same_folder_is_refused_and_nothing_is_lost(fitted, capsys):
+    before = (fitted / "run" / "groom.npz").read_bytes()
+    assert main(fit_arguments(fitted)) == 2
     assert "a run is there already" in capsys.readouterr().err
-    assert (tiny / "run" / "groom.npz").read_bytes() == before
+    assert (fitted / "run" / "groom.npz").read_bytes() == before
 
 
-def test_resume_refuses_another_capture_and_other_settings(tiny, capsys):
-    assert main(fit_arguments(tiny)) == 0
-    capsys.readouterr()
-    assert main(fit_arguments(tiny, "--resume", "--strands", "100")) == 2
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_resume_refuses_another_capture_and_other_settings(fitted, capsys):
+    assert main(fit_arguments(fitted, "--resume", "--strands", "100")) == 2
     assert "began with strands = 200, found 100" in capsys.readouterr().err
-    assert main(fit_arguments(tiny, "--resume", "--config.weights.alpha", "0.3")) == 2
+    assert main(fit_arguments(fitted, "--resume", "--config.weights.alpha", "0.3")) == 2
     assert "began with weights.alpha = 0.5, found 0.3; give" in capsys.readouterr().err
-    assert main(fit_arguments(tiny, "--resume", "--prior", str(other_prior(tiny)))) == 2
+    assert main(fit_arguments(fitted, "--resume", "--prior", str(other_prior(fitted)))) == 2
     assert "other weights of the strand prior" in capsys.readouterr().err
-    changed = (tiny / "ball" / "images" / "000.png", tiny / "ball" / "masks" / "002.png", tiny / "ball" / "head.obj")
+    changed = (
+        fitted / "ball" / "images" / "000.png",
+        fitted / "ball" / "masks" / "002.png",
+        fitted / "ball" / "head.obj",
+    )
     for path in changed:
         kept = path.read_bytes()
         # The files keep their sizes: one row of a picture changes, and one digit of a vertex.
         place = kept.index(b".", kept.index(b"\nv ")) + 3 if path.suffix == ".obj" else 0
         digit = kept[:place] + bytes([kept[place] ^ 1]) + kept[place + 1 :]
         path.write_bytes(digit if path.suffix == ".obj" else with_another_row(kept))
-        assert main(fit_arguments(tiny, "--resume")) == 2, path
+        assert main(fit_arguments(fitted, "--resume")) == 2, path
         assert "has changed since this run began" in capsys.readouterr().err
         path.write_bytes(kept)
-    assert main(fit_arguments(tiny, "--resume")) == 0
+    assert main(fit_arguments(fitted, "--resume")) == 0
 
 
-def test_the_settings_of_stereo_are_part_of_the_run(tiny, capsys):
-    assert main(fit_arguments(tiny)) == 0
-    stored = json.loads((tiny / "run" / "run.json").read_text())
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_the_settings_of_stereo_are_part_of_the_run(fitted, capsys):
+    stored = json.loads((fitted / "run" / "run.json").read_text())
     assert stored["config"]["stereo"]["confirming"] == 1.4
     assert stored["config"]["stereo"]["complete"] == "never"
-    assert read_description(RunFolder(tiny / "run")).config == replace(tiny_config(), steps=8)
-    (tiny / "run" / "run.json").write_text(json.dumps(stored | {"format": 1}))
+    assert read_description(RunFolder(fitted / "run")).config == SETTINGS
+    (fitted / "run" / "run.json").write_text(json.dumps(stored | {"format": 1}))
     capsys.readouterr()
-    assert main(fit_arguments(tiny, "--resume")) == 2
+    assert main(fit_arguments(fitted, "--resume")) == 2
     assert_one_sentence(capsys, f"format: expected {FORMAT}, found 1; use the version of neural-strands that wrote it")
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_settings_from_a_file_reach_the_run_and_its_figures_are_printed_as_json(tiny, capsys):
     (tiny / "settings.toml").write_text("steps = 6\n[weights]\nhead = 2.0\n")
     words = fit_arguments(tiny, "--config", str(tiny / "settings.toml"), "--config.weights.alpha", "0.3", "--seed", "7")
     assert main([*words, "--steps", "2", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     stored = read_description(RunFolder(tiny / "run")).config
-    weights = replace(tiny_config().weights, head=2.0, alpha=0.3)
-    assert stored == replace(tiny_config(), steps=2, seed=7, weights=weights)
+    weights = replace(SETTINGS.weights, head=2.0, alpha=0.3)
+    assert stored == replace(SETTINGS, steps=2, seed=7, weights=weights)
     assert figures["strands"] == len(read_groom(Path(figures["files"]["groom"]))) == 200
     last = json.loads(Path(figures["files"]["log"]).read_text().splitlines()[-1])
     assert (figures["steps"], figures["last_step"]) == (2, last)
@@ -254,6 +294,7 @@ def test_segments_that_are_absent_empty_or_of_another_head_leave_no_run(tiny, ca
     assert not (tiny / "run").exists()
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_segments_made_with_held_out_views_leave_no_run_and_unnamed_views_are_warned_of(tiny, capsys):
     path = tiny / "segments.npz"
     segments, names = load_segments(path), [f"{k:03d}.png" for k in range(6)]
@@ -271,6 +312,7 @@ def test_segments_made_with_held_out_views_leave_no_run_and_unnamed_views_are_wa
     assert "does not name the views" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_damaged_segments_leave_no_run(tiny, capsys):
     """NaN in one point of given segments, and files on which numpy's reader fails with various exceptions."""
     path = tiny / "segments.npz"
@@ -290,9 +332,10 @@ def test_damaged_segments_leave_no_run(tiny, capsys):
         assert_one_sentence(capsys, words)
         assert not (tiny / "run").exists()
     path.write_bytes(content)
-    assert main(fit_arguments(tiny)) == 0
+    assert main(fit_arguments(tiny, "--steps", "1")) == 0
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_evaluate_finds_the_capture_that_was_fitted_and_no_other(tiny, capsys, monkeypatch):
     (tiny / "here").mkdir()
     (tiny / "ball").rename(tiny / "here" / "ball")
@@ -339,16 +382,15 @@ def assert_one_sentence(capsys, words):
     assert words in told[0]
 
 
-def test_a_full_disk_ends_a_fit_in_one_sentence_and_the_last_checkpoint_stays(tiny, capsys, monkeypatch):
-    assert main(fit_arguments(tiny)) == 0
-    checkpoint, groom = tiny / "run" / "checkpoint.pt", tiny / "run" / "groom.npz"
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_a_full_disk_ends_a_fit_in_one_sentence_and_the_last_checkpoint_stays(fitted, capsys, monkeypatch):
+    checkpoint, groom = fitted / "run" / "checkpoint.pt", fitted / "run" / "groom.npz"
     before = {path: path.read_bytes() for path in (checkpoint, groom)}
-    capsys.readouterr()
     with smallest_files(10_000):
-        assert main(fit_arguments(tiny, "--resume")) == 2
+        assert main(fit_arguments(fitted, "--resume")) == 2
     told = capsys.readouterr().err.splitlines()
     assert "checkpoint.pt: cannot be written (File too large)" in told[-1]
     assert not any("Traceback" in line for line in told)
     assert {path: path.read_bytes() for path in before} == before
-    assert not [path for path in (tiny / "run").iterdir() if path.name.startswith(".")]
-    assert main(fit_arguments(tiny, "--resume")) == 0
+    assert not [path for path in (fitted / "run").iterdir() if path.name.startswith(".")]
+    assert main(fit_arguments(fitted, "--resume")) == 0

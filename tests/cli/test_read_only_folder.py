@@ -1,19 +1,9 @@
 """Every command whose output cannot be written says so in one sentence, before long work."""
 
-from pathlib import Path
-
 import pytest
 from read_only import read_only_folder
-from workspace import write_workspace
 
 from neural_strands.cli.main import main
-
-
-@pytest.fixture(scope="module")
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("workspace")
-    write_workspace(folder)
-    return folder
 
 
 @pytest.mark.parametrize(
@@ -36,8 +26,8 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=" ".join,
 )
-def test_a_read_only_folder_is_one_sentence(words, workspace, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(workspace)
+def test_a_read_only_folder_is_one_sentence(words, made_workspace, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(made_workspace)
     monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
     out = str(read_only_folder(tmp_path / "read-only") / "out")
     assert main([word.replace("OUT", out) for word in words]) == 2

@@ -33,7 +33,7 @@ from neural_strands.runs.evaluate import evaluate_run, open_run
 from neural_strands.runs.run_fit import FitRequest, run_fit
 
 CPU = torch.device("cpu")
-SHORT = tiny_config(steps=6, initialise="mean")
+SHORT = tiny_config(steps=4, initialise="mean")
 EXACT = replace(SHORT, model=replace(SHORT.model, mixed_precision=False))
 
 
@@ -67,10 +67,15 @@ def fitted(folder: Path, device: torch.device, config):
     return state, rows
 
 
-def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, accelerator, request):
+@pytest.fixture(scope="module")
+def exact_on_cpu(folder):
+    return fitted(folder, CPU, EXACT)
+
+
+def test_a_fit_gives_the_numbers_of_the_cpu(folder, exact_on_cpu, tmp_path, accelerator, request):
     there, rows = fitted(folder, accelerator, EXACT)
     close, moved = (2e-3, 1e-4) if is_real(request) else (1e-4, 1e-5)
-    here, expected = fitted(folder, CPU, EXACT)
+    here, expected = exact_on_cpu
     for row, wanted in zip(rows, expected, strict=True):
         assert {k: v for k, v in row.items() if k != "seconds"} == pytest.approx(
             {k: v for k, v in wanted.items() if k != "seconds"}, rel=close, abs=1e-6
@@ -89,9 +94,10 @@ def test_a_fit_gives_the_numbers_of_the_cpu(folder, tmp_path, accelerator, reque
     assert torch.equal(there.drawn, before)
 
 
-def test_a_fit_in_bfloat16_stays_near_it(folder, accelerator):
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_a_fit_in_bfloat16_stays_near_it(folder, exact_on_cpu, accelerator):
     _, rough = fitted(folder, accelerator, SHORT)
-    _, exact = fitted(folder, CPU, SHORT)
+    _, exact = exact_on_cpu
     assert rough[-1]["render"] != exact[-1]["render"]
     assert rough[-1]["render"] == pytest.approx(exact[-1]["render"], rel=0.05)
 

@@ -77,6 +77,7 @@ def run(state, data, config, until=None):
     return figures
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_given_strands_stay_while_their_appearance_is_learned(scene):
     schedule = ScheduleConfig(geometry_only=0.0, warmup=5)
     config = tiny_config(steps=60, shape_every=0, schedule=schedule)
@@ -92,7 +93,7 @@ def test_given_strands_stay_while_their_appearance_is_learned(scene):
 @pytest.mark.parametrize("amplitude", [-30.0, 5.0])
 def test_the_perceptual_loss_sees_grain_and_the_squared_error_does_not(scene, amplitude):
     schedule = ScheduleConfig(geometry_only=0.0, perceptual_from=0.0)
-    config = tiny_config(steps=1, shape_every=0, schedule=schedule)
+    config = tiny_config(steps=1, shape_every=0, schedule=schedule, initialise="mean")
     rows, pictures = [], []
 
     def perceptual(image, photograph):
@@ -113,7 +114,7 @@ def test_the_perceptual_loss_sees_grain_and_the_squared_error_does_not(scene, am
 
 
 def test_without_a_perceptual_loss_the_strength_of_grain_is_not_learned(scene):
-    config = tiny_config(steps=3, shape_every=0, schedule=ScheduleConfig(geometry_only=0.0))
+    config = tiny_config(steps=3, shape_every=0, schedule=ScheduleConfig(geometry_only=0.0), initialise="mean")
     state, data = begin_tiny(scene, config)
     before = state.model.grain.amplitudes().detach()
     fit(state, data, config)
@@ -128,6 +129,7 @@ def test_every_fifth_view_is_held_out(scene):
     assert held_out_views(len(capture), 0) == []
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_a_fit_brings_strands_from_anywhere_to_the_segments(scene):
     config = tiny_config(steps=60, initialise="mean", rates=FitRates(shape=3e-2))
     config = replace(config, schedule=replace(config.schedule, geometry_only=1.0))
@@ -136,6 +138,7 @@ def test_a_fit_brings_strands_from_anywhere_to_the_segments(scene):
     assert sum(coverage[-5:]) < 0.8 * sum(coverage[:5])
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_a_fit_shows_the_photographs_and_stays_out_of_the_head(scene):
     config = tiny_config(steps=60, strands=400)
     state, data = begin_tiny(scene, config)
@@ -154,14 +157,11 @@ def test_a_fit_shows_the_photographs_and_stays_out_of_the_head(scene):
 
 @pytest.mark.usefixtures("four_threads")
 def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
-    config = tiny_config()
+    config, path = tiny_config(), tmp_path / "checkpoint.pt"
     whole, data = begin_tiny(scene, config)
-    run(whole, data, config)
-    first, data = begin_tiny(scene, config)
-    run(first, data, config, until=8)
-    save_checkpoint(first, tmp_path / "checkpoint.pt")
+    fit(whole, data, config, after_step=lambda now, _: save_checkpoint(now, path) if now.step == 8 else None)
     second, data = begin_tiny(scene, config)
-    load_checkpoint(second, tmp_path / "checkpoint.pt")
+    load_checkpoint(second, path)
     assert second.step == 8
     run(second, data, config)
     for (name, ours), theirs in zip(second.model.state_dict().items(), whole.model.state_dict().values(), strict=True):
@@ -169,12 +169,19 @@ def test_a_resumed_fit_ends_in_the_same_bits(scene, tmp_path):
     assert torch.equal(second.drawn, whole.drawn)
 
 
+@pytest.fixture(scope="module")
+def whole(scene):
+    """A fit that nothing stopped."""
+    config = tiny_config(initialise="mean")
+    state, data = begin_tiny(scene, config)
+    run(state, data, config)
+    return state
+
+
 @pytest.mark.parametrize("moment", ["before", "after"])
-def test_an_interrupted_fit_goes_on_to_the_same_bits(scene, tmp_path, monkeypatch, moment):
+def test_an_interrupted_fit_goes_on_to_the_same_bits(scene, whole, tmp_path, monkeypatch, moment):
     """Ctrl-C just before or just after the optimiser's seventh update: the step is finished, and none is repeated."""
-    config = tiny_config()
-    whole, data = begin_tiny(scene, config)
-    run(whole, data, config)
+    config = tiny_config(initialise="mean")
     first, data = begin_tiny(scene, config)
     update, calls = first.optimiser.step, itertools.count(1)
 
@@ -217,7 +224,7 @@ GARBAGE = {
 @pytest.fixture(scope="module")
 def begun(scene):
     """A fit after its first step."""
-    config = tiny_config()
+    config = tiny_config(initialise="mean")
     state, data = begin_tiny(scene, config)
     run(state, data, config, until=1)
     return state
@@ -236,7 +243,7 @@ def test_garbage_in_a_checkpoint_is_one_sentence(begun, tmp_path, name):
 
 
 def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
-    config = tiny_config()
+    config = tiny_config(initialise="mean")
     state, data = begin_tiny(scene, config)
     path = tmp_path / "checkpoint.pt"
     save_checkpoint(state, path)
@@ -267,7 +274,7 @@ def test_broken_checkpoints_are_refused_in_one_sentence(scene, tmp_path):
 
 
 def test_the_preview_of_a_large_photograph_is_small(scene, tmp_path, monkeypatch):
-    config = tiny_config()
+    config = tiny_config(initialise="mean")
     state, data = begin_tiny(scene, config)
     view = data.views[0]
     for most, sides in ((40, (40, 40)), (10_000, (view.camera.width, view.camera.height))):
@@ -280,7 +287,7 @@ def test_the_preview_of_a_large_photograph_is_small(scene, tmp_path, monkeypatch
 
 
 def test_where_the_disk_is_full_what_was_there_stays(scene, tmp_path):
-    config = tiny_config()
+    config = tiny_config(initialise="mean")
     state, data = begin_tiny(scene, config)
     folder = RunFolder(tmp_path)
     save_checkpoint(state, folder.checkpoint)

@@ -9,7 +9,14 @@ import pytest
 from read_only import read_only_folder
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, is_taken, sole_writer
+from neural_strands.foundation.files import (
+    atomic_file,
+    atomic_folder,
+    check_folder_writable,
+    check_writable,
+    is_taken,
+    sole_writer,
+)
 
 
 def test_file_appears_whole_and_replaces(tmp_path: Path):
@@ -102,7 +109,7 @@ def test_folder_under_a_file_is_an_input_error(tmp_path: Path):
 WRITER = """
 import sys, time
 from pathlib import Path
-from neural_strands.foundation.files import atomic_file, atomic_folder, check_writable, is_taken, sole_writer
+from neural_strands.foundation.files import atomic_file, atomic_folder, sole_writer
 folder = Path(sys.argv[1])
 with sole_writer(folder), atomic_file(folder / "checkpoint.pt") as file, atomic_folder(folder / "model") as model:
     file.write_text("half")
@@ -235,6 +242,17 @@ def test_what_can_be_written_is_not_touched_by_the_check(tmp_path: Path):
     assert list((tmp_path / "new").iterdir()) == []
     with pytest.raises(InputError, match=r"out.txt: cannot be written \(.+\); nothing was changed"):
         check_writable(read_only_folder(tmp_path / "read-only") / "out.txt")
+
+
+def test_a_folder_that_can_be_written_is_not_created_by_the_check(tmp_path: Path):
+    check_folder_writable(tmp_path)
+    check_folder_writable(tmp_path / "new" / "deeper")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file/run: cannot be written \(.+\); nothing was changed"):
+        check_folder_writable(tmp_path / "file" / "run")
+    with pytest.raises(InputError, match=r"deep/out: cannot be written \(.+\); nothing was changed"):
+        check_folder_writable(read_only_folder(tmp_path / "read-only") / "deep" / "out")
 
 
 def test_a_place_is_taken_by_whatever_a_user_put_there(tmp_path: Path):

@@ -4,6 +4,7 @@
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 import functools
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -91,6 +92,22 @@ def test_jobs_run_once_each_and_their_errors_arrive():
         with pytest.raises(ValueError, match="a job's own error"):
             run_together(jobs)
     assert ran.count(-1) == 2
+
+
+def test_threads_are_kept_for_the_next_jobs():
+    together = threading.Barrier(3)
+
+    def name_thread() -> None:
+        together.wait(60)
+        names.append(threading.get_ident())
+
+    runs = []
+    for _ in range(2):
+        names: list[int] = []
+        run_together([name_thread] * 3)
+        runs.append(set(names))
+    assert len(runs[0]) == 3
+    assert runs[0] == runs[1]
 
 
 def test_threads_start_warp_one_after_the_other(monkeypatch):

@@ -31,6 +31,8 @@ def test_bar_is_disabled_without_a_terminal():
 
 def test_by_default_nobody_is_told(capsys: pytest.CaptureFixture):
     feedback = Feedback()
+    assert not feedback.heard
+    assert Feedback(print).heard
     feedback.say("anything")
     assert list(feedback.track(range(3), "counting", 3)) == [0, 1, 2]
     captured = capsys.readouterr()

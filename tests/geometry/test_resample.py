@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -133,15 +134,21 @@ def test_too_few_points():
     assert resample_ragged(torch.zeros(0, 3), torch.zeros(1, dtype=torch.int64), 10).shape == (0, 10, 3)
 
 
+def processor_time(work: Callable[[], object]) -> float:
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
 def test_ten_thousand_strands_are_quick(generator: torch.Generator):
-    """The goal is 1 s on one idle core; a loop over strands takes ten times as long."""
+    """The goal is 1 s on one idle core. A tenth of a loop's time is asked for, whatever the speed of the machine."""
     points = (0.003 * torch.randn(10_000, 16, 3, generator=generator)).cumsum(dim=1)
-    times = []
-    for _ in range(2):
-        start = time.process_time()
-        resample_strands(points, 100)
-        times.append(time.process_time() - start)
-    assert min(times) < 5.0
+    together, loop = [], []
+    # On a shared processor, one run may be slow by chance, but hardly all of them.
+    for _ in range(3):
+        together.append(processor_time(lambda: resample_strands(points, 100)))
+        loop.append(50 * processor_time(lambda: [resample_strands(each[None], 100) for each in points[::50]]))
+    assert min(together) < min(loop) / 10
 
 
 @pytest.mark.parametrize("count", [2, 7, 40])

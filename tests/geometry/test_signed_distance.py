@@ -48,7 +48,7 @@ def test_cube_matches_its_closed_form(device, generator):
 
 def test_twins_agree(device, generator):
     head = mannequin().mesh.to(device)
-    points = (torch.rand(200, 3, generator=generator) * 0.4 - 0.2).to(device)
+    points = (torch.rand(60, 3, generator=generator) * 0.4 - 0.2).to(device)
     fast, slow = signed_distance(points, head), signed_distance_reference(points, head)
     torch.testing.assert_close(fast.distance, slow.distance, atol=1e-6, rtol=0)
     torch.testing.assert_close(fast.closest, slow.closest, atol=2e-4, rtol=0)
@@ -165,7 +165,7 @@ def test_a_grid_is_as_exact_as_it_says_and_knows_which_way_is_out(generator):
     torch.testing.assert_close(ahead, torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), atol=0.05, rtol=0)
 
 
-@pytest.mark.parametrize("spacing", [0.004, 0.011, 0.05])
+@pytest.mark.parametrize("spacing", [0.006, 0.011, 0.05])
 def test_nodes_of_a_grid_have_the_sign_of_the_winding_number(spacing):
     mesh = mannequin().mesh
     closed = trimesh.Trimesh(mesh.vertices.numpy(), mesh.faces.numpy()).convex_hull

@@ -28,8 +28,12 @@ def test_only_what_was_changed_counts_as_edited(tmp_path: Path, pictures: list[P
     (tmp_path / "capture" / "masks" / "b.png").write_text("painted")
     edits = found(tmp_path, pictures)
     assert edits.edited == ("masks/b.png",)
-    assert edits.chosen("masks", pictures[0]) == pictures[0]
-    assert edits.chosen("masks", pictures[1]) == tmp_path / "capture" / "masks" / "b.png"
+    chosen = edits.chosen("masks", [pictures[0], None, pictures[1]])
+    assert chosen.files == (pictures[0], None, tmp_path / "capture" / "masks" / "b.png")
+    assert chosen.present() == [pictures[0], tmp_path / "capture" / "masks" / "b.png"]
+    # Stages that read the masks are done again when the user's change, and not otherwise.
+    assert chosen.inputs == edits.chosen("masks", pictures).inputs != {}
+    assert edits.chosen("masks", [pictures[0]]).inputs == edits.chosen("person_masks", pictures).inputs == {}
 
 
 @pytest.mark.parametrize(

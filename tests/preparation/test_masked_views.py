@@ -23,7 +23,7 @@ def test_views_show_what_was_written(tmp_path: Path):
         write_picture(tmp_path / "masks" / name, masks[-1])
         cameras.append(Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 20.0, (16, 12), name))
     files = [tmp_path / camera.name for camera in cameras]
-    views = masked_views(cameras, files, tmp_path / "masks")
+    views = masked_views(cameras, files, [tmp_path / "masks" / camera.name for camera in cameras])
     for index in (1, 0):
         view = views[index]
         assert view.camera is cameras[index]

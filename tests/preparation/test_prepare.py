@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.photographs.folder import read_picture, write_picture
-from neural_strands.preparation.prepare import check_out, prepare
+from neural_strands.preparation.prepare import PrepareRequest, check_out, prepare
 from neural_strands.preparation.source import find_source
 
 
@@ -36,6 +37,12 @@ def prepared(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     out = tmp_path_factory.mktemp("prepared") / "capture"
     said: list[str] = []
     return out, prepare(scene.request(out), said.append), said
+
+
+@pytest.fixture(scope="module")
+def unbent(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., PrepareRequest]:
+    """Asks for one capture again, with changes. Its head is not bent and its skull not raised, which saves time."""
+    return partial(scene.request, tmp_path_factory.mktemp("unbent") / "capture", bend=False)
 
 
 def test_the_head_comes_back_to_its_place(scene: Scene, prepared):
@@ -87,47 +94,47 @@ def test_nothing_is_done_twice(scene: Scene, prepared):
     assert before == {path: path.stat().st_mtime_ns for path in (out / "preparation").rglob("*") if path.is_file()}
 
 
-def test_given_masks_and_a_segmenter_are_used(scene: Scene, prepared, tmp_path: Path):
-    out, _, _ = prepared
+def test_given_masks_and_a_segmenter_are_used(scene: Scene, unbent, tmp_path: Path):
+    out = unbent().out
     masks = tmp_path / "masks"
     masks.mkdir()
     for name, true in scene.hair.items():
         write_picture(masks / name, true.astype(np.uint8) * 255)
     said: list[str] = []
-    prepare(scene.request(out, masks=masks), said.append)
+    prepare(unbent(masks=masks), said.append)
     assert "masks: already done." not in said
     for name, true in scene.hair.items():
         np.testing.assert_array_equal(read_picture(out / "masks" / name)[..., 0] > 127, true)
-    prepare(scene.request(out, segmenter="cp {image} {mask}"), said.append)
+    prepare(unbent(segmenter="cp {image} {mask}"), said.append)
     picture = read_picture(out / "masks" / "0.png")
     np.testing.assert_array_equal(picture[..., 0], read_picture(out / "images" / "0.png")[..., 0])
     with pytest.raises(InputError, match=r"expected a mask of 0\.png, found"):
-        prepare(scene.request(out, segmenter="false {image} {mask}"), said.append)
+        prepare(unbent(segmenter="false {image} {mask}"), said.append)
     with pytest.raises(InputError, match="does not start"):
-        prepare(scene.request(out, segmenter="no-such-program {image} {mask}"), said.append)
+        prepare(unbent(segmenter="no-such-program {image} {mask}"), said.append)
     with pytest.raises(InputError, match="expected a command with"):
-        prepare(scene.request(out, segmenter="program {image}"), said.append)
+        prepare(unbent(segmenter="program {image}"), said.append)
     (masks / "3.png").unlink()
     with pytest.raises(InputError, match=r"found none of 3\.png"):
-        prepare(scene.request(out, masks=masks), said.append)
+        prepare(unbent(masks=masks), said.append)
 
 
-def test_a_function_makes_masks(scene: Scene, prepared):
-    out, _, _ = prepared
+def test_a_function_makes_masks(unbent):
+    out = unbent().out
     said: list[str] = []
     for threshold in (90, 120):
         bright = partial(cv2.inRange, lowerb=(threshold + 1, 0, 0), upperb=(255, 255, 255))
-        prepare(scene.request(out, segmenter=bright), said.append)
+        prepare(unbent(segmenter=bright), said.append)
         picture = read_picture(out / "images" / "2.png")[..., 0]
         np.testing.assert_array_equal(read_picture(out / "masks" / "2.png")[..., 0] > 0, picture > threshold)
     assert "masks: already done." not in said
     with pytest.raises(InputError, match=r"expected a mask of 200 x 200 8-bit values for 0\.png, found bool"):
-        prepare(scene.request(out, segmenter=lambda rgb: rgb[..., 0] > 90), print)
+        prepare(unbent(segmenter=lambda rgb: rgb[..., 0] > 90), print)
 
 
 def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
-    out = tmp_path / "capture"
-    figures = prepare(scene.request(out), lambda _: None)
+    out, figures = tmp_path / "capture", prepared[1]
+    shutil.copytree(prepared[0], out)
     found = (out / "masks" / "1.png").read_bytes()
     painted = np.zeros((SIDE, SIDE), np.uint8)
     painted[:60] = 255
@@ -143,6 +150,8 @@ def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
     assert [line for line in said if "edited" in line] == [
         "2 masks that you edited are kept (masks/0.png, masks/3.png); delete one to undo that."
     ]
+    assert "masks: already done." in said
+    assert "skull: already done." not in said
     np.testing.assert_array_equal(read_picture(out / "masks" / "0.png")[..., 0], painted)
     assert (out / "masks" / "3.png").read_bytes() == (out / "masks" / "4.png").read_bytes()
     assert (out / "masks" / "1.png").read_bytes() == found
@@ -151,6 +160,7 @@ def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
         write_picture(out / "masks" / name, np.zeros((SIDE, SIDE), np.uint8))
     bald = prepare(scene.request(out, segmenter="cp {image} {mask}"), lambda _: None)
     assert bald["scalp_faces"] < 0.5 * figures["scalp_faces"]
+    assert bald["skull_raised_mm"] == 0
     assert not read_picture(out / "masks" / "5.png").any()
     for name in scene.hair:
         (out / "masks" / name).unlink()
@@ -161,12 +171,12 @@ def test_edited_masks_are_taken_up(scene: Scene, prepared, tmp_path: Path):
 def test_edited_masks_of_other_pictures_are_set_aside(scene: Scene, tmp_path: Path):
     photos, out = tmp_path / "photos", tmp_path / "capture"
     shutil.copytree(scene.folder / "photos", photos)
-    prepare(scene.request(out, photographs=photos), lambda _: None)
+    prepare(scene.request(out, bend=False, photographs=photos), lambda _: None)
     write_picture(out / "masks" / "2.png", np.zeros((SIDE, SIDE), np.uint8))
     edited = (out / "masks" / "2.png").read_bytes()
     shutil.copyfile(photos / "3.png", photos / "2.png")
     said: list[str] = []
-    prepare(scene.request(out, photographs=photos), said.append)
+    prepare(scene.request(out, bend=False, photographs=photos), said.append)
     (told,) = [line for line in said if "edited" in line]
     assert "1 that you edited no longer fit their pictures (masks/2.png) and are moved to" in told
     assert (out / "preparation" / "replaced_masks" / "masks" / "2.png").read_bytes() == edited
@@ -190,18 +200,52 @@ def test_landmarks_are_in_pixels_of_the_photograph_as_it_was_taken(scene: Scene,
     assert again["metres_per_camera_unit"] == pytest.approx(figures["metres_per_camera_unit"], rel=1e-3)
 
 
-def test_a_detector_finds_the_person_though_landmarks_are_set_by_hand(scene: Scene, prepared, tmp_path: Path):
-    out = tmp_path / "capture"
+def masks_like(pictures: str, tmp_path: Path) -> Path:
+    """A stand-in for the detector: it finds no face, and masks of the person in files of `pictures` (a Python path)."""
     detector = tmp_path / "python"
     program = (
         "import json, os, pathlib, shutil, sys\n"
         "request = json.load(sys.stdin)\n"
         "for path in map(pathlib.Path, request['images']):\n"
-        "    shutil.copyfile(path, os.path.join(request['masks'], path.name))\n"
+        f"    shutil.copyfile({pictures}, os.path.join(request['masks'], path.name))\n"
         "    print(json.dumps({'image': str(path), 'faces': []}), flush=True)\n"
     )
     detector.write_text(f"#!{sys.executable}\n{program}")
     detector.chmod(0o755)
+    return detector
+
+
+def test_edited_masks_of_the_person_guide_head_and_hair(scene: Scene, tmp_path: Path):
+    out, people = tmp_path / "capture", tmp_path / "people"
+    people.mkdir()
+    for name in scene.hair:
+        # Everything but the dark wall is the person.
+        person = read_picture(scene.folder / "photos" / name).max(axis=2) > 0
+        write_picture(people / name, person.astype(np.uint8) * 255)
+    request = scene.request(out)
+    detector = Detector(masks_like(f"pathlib.Path({str(people)!r}) / path.name", tmp_path))
+    request = replace(request, head=replace(request.head, detector=detector))
+    prepare(request, lambda _: None)
+    assert (read_picture(out / "masks" / "4.png")[..., 0] > 127).sum() > 0.5 * scene.hair["4.png"].sum()
+    said: list[str] = []
+    # Painting programs may write colours and an alpha channel.
+    nobody = np.zeros((SIDE, SIDE, 4), np.uint8)
+    nobody[..., 3] = 255
+    cv2.imwrite(str(out / "person_masks" / "4.png"), nobody)
+    prepare(request, said.append)
+    done = [name for name in ("face", "template", "head", "masks", "skull") if f"{name}: already done." in said]
+    assert done == ["face", "template"]
+    assert (read_picture(out / "masks" / "4.png")[..., 0] > 127).sum() < 0.05 * scene.hair["4.png"].sum()
+    assert not read_picture(out / "person_masks" / "4.png").any()
+    # A mask of another shape is told.
+    write_picture(out / "person_masks" / "4.png", nobody[: SIDE // 2, :, 0])
+    with pytest.raises(InputError, match=r"4\.png: expected the photograph's shape"):
+        prepare(request, said.append)
+
+
+def test_a_detector_finds_the_person_though_landmarks_are_set_by_hand(scene: Scene, prepared, tmp_path: Path):
+    out = tmp_path / "capture"
+    detector = masks_like("path", tmp_path)
     request = scene.request(out, bend=False)
     figures = prepare(request, lambda _: None)
     assert not (out / "person_masks").exists()
@@ -214,15 +258,14 @@ def test_a_detector_finds_the_person_though_landmarks_are_set_by_hand(scene: Sce
         prepare(replace(request, head=replace(request.head, detector=Detector(tmp_path / "absent"))), print)
 
 
-def test_a_measured_length_makes_the_scale(scene: Scene, prepared):
+def test_a_measured_length_makes_the_scale(unbent):
     from neural_strands.preparation.head.fit import KnownSize
 
-    out, _, _ = prepared
-    figures = prepare(scene.request(out, size=KnownSize(metres_per_unit=UNIT)), lambda _: None)
+    figures = prepare(unbent(size=KnownSize(metres_per_unit=UNIT)), lambda _: None)
     assert figures["metres_per_camera_unit"] == UNIT
     assert figures["scale_error"] == 0.0
     with pytest.raises(InputError, match="expected both irises"):
-        prepare(scene.request(out, size=KnownSize(pupil_distance=0.062)), lambda _: None)
+        prepare(unbent(size=KnownSize(pupil_distance=0.062)), lambda _: None)
 
 
 def test_what_is_the_users_is_left_alone(scene: Scene, prepared, tmp_path: Path):

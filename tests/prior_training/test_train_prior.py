@@ -3,6 +3,7 @@
 import itertools
 import json
 import signal
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.gradients import Adam
 from neural_strands.prior.generator import GeneratorConfig
 from neural_strands.prior.synthesiser import SynthesiserConfig
-from neural_strands.prior.vae import load_prior
+from neural_strands.prior.vae import StrandPrior, load_prior
 from neural_strands.prior_training import curve_stream
 from neural_strands.prior_training import train_prior as module
 from neural_strands.prior_training.config import PriorLossConfig, TrainPriorConfig, paper_preset
@@ -28,12 +29,22 @@ TINY = TrainPriorConfig(
     checkpoint_seconds=0.0,
     generator=GeneratorConfig(layers=2, hidden=16),
 )
+ONE = replace(TINY, steps=1, sine_steps=0)
 
 
-@pytest.fixture(autouse=True)
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(curve_stream, "CHUNK", 64)
-    monkeypatch.setattr(module, "HELD_OUT", 32)
+@pytest.fixture(autouse=True, scope="module")
+def small() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(curve_stream, "CHUNK", 64)
+        patch.setattr(module, "HELD_OUT", 32)
+        yield
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, small: None) -> tuple[Path, StrandPrior]:
+    """The weights' file and the prior of a run that nothing stopped."""
+    out = tmp_path_factory.mktemp("whole") / "prior.safetensors"
+    return out, train_prior(out, TINY, seed=1)
 
 
 class Killed(BaseException):
@@ -56,21 +67,19 @@ def killed_at(step: int, stage: int, out: Path, config: TrainPriorConfig, monkey
 
 @pytest.mark.parametrize(("stage", "step"), [(0, 2), (1, 5)])
 def test_a_killed_run_resumes_to_the_same_bits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: int, step: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: tuple[Path, StrandPrior], stage: int, step: int
 ) -> None:
-    whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)
     out = tmp_path / "killed.safetensors"
     killed_at(step, stage, out, TINY, monkeypatch)
     resumed = train_prior(out, TINY, seed=1, resume=True)
-    for name, value in whole.state_dict().items():
+    for name, value in whole[1].state_dict().items():
         assert torch.equal(value, resumed.state_dict()[name]), name
     again = load_prior(out)
-    assert torch.equal(again.generator.linear.weight, whole.generator.linear.weight)
+    assert torch.equal(again.generator.linear.weight, whole[1].generator.linear.weight)
 
 
-def test_the_default_trains_every_part_and_logs(tmp_path: Path) -> None:
-    out = tmp_path / "prior.safetensors"
-    prior = train_prior(out, TINY, seed=1)
+def test_the_default_trains_every_part_and_logs(whole: tuple[Path, StrandPrior]) -> None:
+    out, prior = whole
     assert held_out_error(prior, held_out_curves(1, TINY.curves)) < 0.5
     coupling = dict(prior.generator.modulator.named_parameters())
     assert coupling["networks.0.4.weight"].abs().max() > 0
@@ -127,7 +136,7 @@ def test_each_change_of_the_paper_preset_trains_all_weights(tmp_path: Path, chan
 
 
 def test_a_loss_that_is_not_finite_stops_training_and_leaves_the_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: tuple[Path, StrandPrior]
 ) -> None:
     out = tmp_path / "prior.safetensors"
     measure = module.relative_loss
@@ -142,9 +151,8 @@ def test_a_loss_that_is_not_finite_stops_training_and_leaves_the_checkpoint(
             InputError, match=r"expected finite losses at step 2, found .*'data': nan.*; lower the learn"
         ):
             train_prior(out, TINY, seed=1)
-    whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)
     resumed = train_prior(out, TINY, seed=1, resume=True)
-    assert torch.equal(resumed.generator.linear.weight, whole.generator.linear.weight)
+    assert torch.equal(resumed.generator.linear.weight, whole[1].generator.linear.weight)
 
 
 def test_the_loss_of_the_sines_is_the_configured_one(tmp_path: Path) -> None:
@@ -169,9 +177,9 @@ def test_resume_refuses_what_does_not_fit(tmp_path: Path) -> None:
     out = tmp_path / "prior.safetensors"
     with pytest.raises(InputError, match="expected a checkpoint to resume from, found no file"):
         train_prior(out, TINY, resume=True)
-    train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=1)
+    train_prior(out, ONE, seed=1)
     with pytest.raises(InputError, match="another configuration or seed"):
-        train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=2, resume=True)
+        train_prior(out, ONE, seed=2, resume=True)
     checkpoint = out.with_suffix(".checkpoint.pt")
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
     with pytest.raises(InputError, match="expected a complete checkpoint, found something else"):
@@ -180,10 +188,9 @@ def test_resume_refuses_what_does_not_fit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("interrupted_step", [2, 4, 9])
 def test_an_interrupted_run_resumes_to_the_same_bits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupted_step: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: tuple[Path, StrandPrior], interrupted_step: int
 ) -> None:
     """Ctrl-C between the optimiser's update and the counter, in either stage and at the change between them."""
-    whole = train_prior(tmp_path / "whole.safetensors", TINY, seed=1)
     out, calls = tmp_path / "prior.safetensors", itertools.count(1)
     update = Adam.step
 
@@ -197,7 +204,7 @@ def test_an_interrupted_run_resumes_to_the_same_bits(
         with pytest.raises(KeyboardInterrupt):
             train_prior(out, TINY, seed=1)
     resumed = train_prior(out, TINY, seed=1, resume=True)
-    for (name, ours), theirs in zip(resumed.state_dict().items(), whole.state_dict().values(), strict=True):
+    for (name, ours), theirs in zip(resumed.state_dict().items(), whole[1].state_dict().values(), strict=True):
         assert torch.equal(ours, theirs), name
 
 
@@ -212,16 +219,21 @@ GARBAGE = {
 }
 
 
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory, small: None) -> Path:
+    """The checkpoint of a run of one step."""
+    out = tmp_path_factory.mktemp("one") / "prior.safetensors"
+    train_prior(out, ONE, seed=1)
+    return out.with_suffix(".checkpoint.pt")
+
+
 @pytest.mark.parametrize("name", sorted(GARBAGE))
-def test_garbage_in_a_checkpoint_is_one_sentence(tmp_path: Path, name: str) -> None:
-    out = tmp_path / "prior.safetensors"
-    train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=1)
-    checkpoint = out.with_suffix(".checkpoint.pt")
+def test_garbage_in_a_checkpoint_is_one_sentence(tmp_path: Path, checkpoint: Path, name: str) -> None:
     content = torch.load(checkpoint, weights_only=True)
     GARBAGE[name](content)
-    torch.save(content, checkpoint)
+    torch.save(content, tmp_path / checkpoint.name)
     with pytest.raises(InputError, match="expected a complete checkpoint, found something else"):
-        train_prior(out, replace(TINY, steps=1, sine_steps=0), seed=1, resume=True)
+        train_prior(tmp_path / "prior.safetensors", ONE, seed=1, resume=True)
 
 
 def test_the_learning_rate_rises_and_falls_to_zero() -> None:

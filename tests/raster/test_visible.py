@@ -66,19 +66,20 @@ def test_line_pixels_of_an_image_pixel_are_gathered(generator, device, factor):
     buffer = rasterise_lines(points.to(device), fine.to(device), config=LineConfig(width=0.004))
     visible = visible_points(buffer, points.to(device), factor)
     found = {}
+    segment, position = buffer.segment.tolist(), buffer.position.tolist()
     for row, column in torch.nonzero(buffer.segment >= 0).tolist():
-        strand, vertex = divmod(int(buffer.segment[row, column]), points.shape[1] - 1)
+        strand, vertex = divmod(segment[row][column], points.shape[1] - 1)
         key = (row // factor * SIZE[0] + column // factor, strand, vertex // 2)
-        found.setdefault(key, []).append(vertex + float(buffer.position[row, column]))
+        found.setdefault(key, []).append(vertex + position[row][column])
     assert len(visible) == len(found) > 500
     assert visible.pixel.tolist() == sorted(visible.pixel.tolist())
-    for k in range(len(visible)):
-        vertex, place = int(visible.vertex[k]), float(visible.vertex[k] + visible.position[k])
+    rows = (visible.pixel, visible.strand, visible.vertex, visible.position, visible.weight)
+    for pixel, strand, vertex, place, weight in zip(*(each.tolist() for each in rows), strict=True):
         # The mean of places on both segments of a part may be the end of the first, which is the start of the second.
-        there = found.get((int(visible.pixel[k]), int(visible.strand[k]), vertex // 2))
+        there = found.get((pixel, strand, vertex // 2))
         assert there is not None
-        assert float(visible.weight[k]) == len(there)
-        assert place == pytest.approx(sum(there) / len(there), abs=1e-4)
+        assert weight == len(there)
+        assert vertex + place == pytest.approx(sum(there) / len(there), abs=1e-4)
 
 
 def test_gathered_points_lie_where_they_are_seen(generator, camera):

@@ -15,35 +15,56 @@ from tiny_capture import tiny_config, true_segments, write_capture
 from neural_strands.capture.capture import Capture
 from neural_strands.fitting import first_model
 from neural_strands.fitting import fit as fit_module
+from neural_strands.fitting.distributed import Workers
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import sole_writer
 from neural_strands.foundation.progress import Feedback
 from neural_strands.lmvs.files import save_segments
 from neural_strands.runs import forecast as forecast_module
 from neural_strands.runs import run_fit as run_fit_module
-from neural_strands.runs.run_fit import FitRequest, run_fit
+from neural_strands.runs.forecast import Forecast
+from neural_strands.runs.run_fit import FitRequest, prepare_run, run_fit
 from neural_strands.runs.run_folder import RunFolder
 from neural_strands.runs.run_log import read_log
 
+pytestmark = pytest.mark.usefixtures("shapes_unchecked")
 CPU = torch.device("cpu")
 
 
-@pytest.fixture
-def request_of(tmp_path, monkeypatch):
-    """Asks for a fit of a small capture into a folder of this name."""
-    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
-    save_segments(tmp_path / "segments.npz", true_segments(write_capture(tmp_path / "ball", views=4)))
+SHORT = tiny_config(steps=6, initialise="mean")
+
+
+def requests_in(folder):
+    """Asks for a fit of a small capture in the folder into a folder of this name."""
+    save_segments(folder / "segments.npz", true_segments(write_capture(folder / "ball", views=4)))
 
     def made(name, **changes):
-        request = FitRequest(tmp_path / "ball", tmp_path / name, segments=tmp_path / "segments.npz")
+        request = FitRequest(folder / "ball", folder / name, segments=folder / "segments.npz")
         return replace(request, **changes)
 
     return made
 
 
+@pytest.fixture
+def request_of(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEURAL_STRANDS_WEIGHTS", str(tmp_path / "none"))
+    return requests_in(tmp_path)
+
+
 def bits(request) -> dict[str, bytes]:
     names = ("model/model.safetensors", "groom.npz", "groom.usd")
     return {name: (request.out / name).read_bytes() for name in names}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """What a short fit writes that nothing disturbs."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    request = requests_in(folder)("run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NEURAL_STRANDS_WEIGHTS", str(folder / "none"))
+        run_fit(request, SHORT, CPU, Feedback())
+    return bits(request)
 
 
 def test_a_second_fit_in_the_same_folder_is_refused(request_of):
@@ -72,17 +93,14 @@ def test_a_fit_that_another_has_begun_meanwhile_is_refused(request_of, monkeypat
 
 
 @pytest.mark.parametrize("harm", ["vanishes", "changes"])
-def test_a_capture_that_is_harmed_under_a_fit_costs_nothing_of_it(request_of, monkeypatch, harm):
+def test_a_capture_that_is_harmed_under_a_fit_costs_nothing_of_it(request_of, undisturbed, monkeypatch, harm):
     """The run keeps its steps; when the photographs are back, it ends with the same bits as an undisturbed run."""
-    config = tiny_config(steps=6)
-    run_fit(request_of("whole"), config, CPU, Feedback())
     images, kept = request_of("run").capture / "images", request_of("run").capture / "kept"
     shutil.copytree(images, kept)
     take, steps = fit_module._take_step, itertools.count()
 
     def harmed(state, data, *rest):
-        # The forecast also takes steps, before the run exists.
-        if request_of("run").out.joinpath("run.json").is_file() and next(steps) == 4:
+        if next(steps) == 4:
             if harm == "vanishes":
                 shutil.rmtree(images)
             else:
@@ -96,25 +114,23 @@ def test_a_capture_that_is_harmed_under_a_fit_costs_nothing_of_it(request_of, mo
     with monkeypatch.context() as patch:
         patch.setattr(fit_module, "_take_step", harmed)
         with pytest.raises(InputError, match=r"images.00\d\.png: expected ") as caught:
-            run_fit(request_of("run"), config, CPU, Feedback())
+            run_fit(request_of("run"), SHORT, CPU, Feedback())
     assert str(caught.value).count(". ") == 0
     assert torch.load(request_of("run").out / "checkpoint.pt", weights_only=True)["step"] == 4
     if harm == "changes":
         with pytest.raises(InputError, match="has changed since this run began"):
-            run_fit(request_of("run", resume=True), config, CPU, Feedback())
+            run_fit(request_of("run", resume=True), SHORT, CPU, Feedback())
     shutil.rmtree(images, ignore_errors=True)
     kept.rename(images)
-    assert run_fit(request_of("run", resume=True), config, CPU, Feedback()).step == 6
-    assert bits(request_of("run")) == bits(request_of("whole"))
+    assert run_fit(request_of("run", resume=True), SHORT, CPU, Feedback()).step == 6
+    assert bits(request_of("run")) == undisturbed
 
 
-def test_a_clock_that_is_set_back_changes_nothing(request_of, monkeypatch):
-    config = tiny_config(steps=4, initialise="mean")
-    run_fit(request_of("whole"), config, CPU, Feedback())
+def test_a_clock_that_is_set_back_changes_nothing(request_of, undisturbed, monkeypatch):
     hours = itertools.count(1e6, -3600)
     monkeypatch.setattr(time, "time", lambda: next(hours))
-    run_fit(request_of("run"), config, CPU, Feedback())
-    assert bits(request_of("run")) == bits(request_of("whole"))
+    run_fit(request_of("run"), SHORT, CPU, Feedback())
+    assert bits(request_of("run")) == undisturbed
 
 
 def test_progress_reaches_the_end(request_of):
@@ -135,7 +151,7 @@ def test_the_log_has_the_figures_of_every_step_of_a_checkpoint(request_of, monke
         save(state, path)
 
     def stopping(state, *rest):
-        if RunFolder(out).description.is_file() and state.step == stopped_at:
+        if state.step == stopped_at:
             raise KeyboardInterrupt
         take(state, *rest)
 
@@ -152,12 +168,9 @@ def test_the_log_has_the_figures_of_every_step_of_a_checkpoint(request_of, monke
 def test_a_resumed_fit_traces_no_strands_again(request_of, monkeypatch):
     config = tiny_config(steps=4, initialise="flow")
     run_fit(request_of("whole"), config, CPU, Feedback())
-    take = fit_module._take_step
 
-    def stopped(*arguments):
-        if request_of("run").out.joinpath("run.json").is_file():
-            raise KeyboardInterrupt
-        take(*arguments)
+    def stopped(*_):
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(fit_module, "_take_step", stopped)
@@ -189,9 +202,33 @@ def test_stereo_that_finds_too_little_blocks_no_later_fit(tmp_path, monkeypatch)
 def test_the_forecast_counts_every_part_of_the_fit(request_of, monkeypatch, initialise):
     # Hours, so that nothing is rounded away.
     monkeypatch.setattr(forecast_module, "tracing_seconds", lambda *_: 7200.0)
+    monkeypatch.setattr(run_fit_module, "FORECAST_FROM", 2)
     said = []
     run_fit(request_of("run"), tiny_config(steps=2, initialise=initialise), CPU, Feedback(said.append))
     (told,) = [line for line in said if line.startswith("expect about")]
     total, stereo, tracing, steps = map(float, re.findall(r"(\d+\.\d) (?:minutes|for)", told))
     assert total == pytest.approx(stereo + tracing + steps, abs=0.15)
     assert tracing == (120.0 if initialise == "flow" else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("steps", "heard", "minutes", "forecasts"),
+    [(99, True, None, 0), (100, True, None, 1), (100, False, None, 0), (2, False, 1.0, 1)],
+)
+def test_only_a_long_fit_that_is_followed_or_given_minutes_is_forecast(
+    request_of, monkeypatch, steps, heard, minutes, forecasts
+):
+    made, said = [], []
+
+    def stand_in(*arguments):
+        made.append(arguments)
+        return Forecast(0.0, 0.0, 10.0, 10.0, 60.0, 10**9)
+
+    monkeypatch.setattr(run_fit_module, "forecast", stand_in)
+    feedback = Feedback(said.append) if heard else Feedback()
+    config = tiny_config(steps=steps, initialise="mean")
+    run = prepare_run(request_of("run", minutes=minutes), config, CPU, Workers.join(CPU), feedback)
+    assert len(made) == forecasts
+    assert sum(line.startswith("expect about") for line in said) == (forecasts if heard else 0)
+    # Ten steps at least, whatever they cost.
+    assert run.config.steps == (10 if minutes else steps)

@@ -1,5 +1,6 @@
 """The forecast of tracing against a machine whose speed is known."""
 
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -97,8 +98,9 @@ def test_tracing_takes_the_time_of_a_known_machine(known, machine, given):
 
 
 def test_the_real_stages_can_be_tried(known):
+    """The trial's own time bounds the forecast: eight times as many voxels take 8 ** GROWTH, 17.6 times as long."""
     data, roots, segments = known
-    told = tracing_seconds(data, roots, segments, segments.points, tiny_config())
-    unknown = tracing_seconds(data, roots, None, data.head.mesh.vertices, tiny_config())
-    assert 0 < told < 60
-    assert 0 < unknown < 60
+    for given, extent in ((segments, segments.points), (None, data.head.mesh.vertices)):
+        began = time.perf_counter()
+        told = tracing_seconds(data, roots, given, extent, tiny_config())
+        assert 0 < told < 20 * (time.perf_counter() - began)

@@ -54,9 +54,15 @@ from neural_strands.preparation.head.flame import read_flame
 from neural_strands.preparation.head.template import Template
 from neural_strands.preparation.mask_edits import RECORD as WRITTEN_MASKS
 from neural_strands.preparation.mask_edits import MaskEdits
-from neural_strands.preparation.masks.segmenter import read_mask
 from neural_strands.preparation.masks.votes import VOTES, read_votes, write_votes
-from neural_strands.preparation.photographs.folder import Photograph, read_list, read_picture, write_list, write_picture
+from neural_strands.preparation.photographs.folder import (
+    Photograph,
+    read_list,
+    read_mask,
+    read_picture,
+    write_list,
+    write_picture,
+)
 from neural_strands.preparation.photographs.hdr import hdr_transfer
 from neural_strands.preparation.photographs.metadata import orientation_of
 from neural_strands.preparation.stage import run_stage

@@ -27,12 +27,17 @@ class UnorderedSums(TorchDispatchMode):
         self.found: list[str] = []
 
     def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
-        given = dict(zip((argument.name for argument in func._schema.arguments), args, strict=False)) | (kwargs or {})
+        if "index_put" in func.name():
+            given = dict(zip((argument.name for argument in func._schema.arguments), args, strict=False))
+            self._note(given | (kwargs or {}))
+        return func(*args, **(kwargs or {}))
+
+    def _note(self, given: dict[str, Any]) -> None:
+        """Note the lines from which `index_put` is called, if it adds floats at places that are named twice."""
         adds_floats = given.get("accumulate") and given["values"].is_floating_point()
-        if "index_put" in func.name() and adds_floats and _has_repeated_places(given["indices"]):
+        if adds_floats and _has_repeated_places(given["indices"]):
             lines = [line for line in traceback.extract_stack() if PACKAGE in line.filename]
             self.found.append("; ".join(f"{line.filename}:{line.lineno}" for line in lines[-3:]))
-        return func(*args, **(kwargs or {}))
 
 
 def _has_repeated_places(indices: Sequence[Tensor | None]) -> bool:

@@ -7,13 +7,17 @@ import os
 import sys
 
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+# Tasks have low priority by default, and would wait for the tests that run beside this one.
+os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112
 
 from ray.cluster_utils import Cluster
 
 
 def main() -> None:
-    plain = {"num_cpus": 1, "include_dashboard": False, "object_store_memory": 10**8}
-    cluster = Cluster(initialize_head=True, head_node_args=plain)
+    head = {"num_cpus": 1, "include_dashboard": False, "object_store_memory": 10**8}
+    # The test neither reads what workers log nor lets the cluster grow.
+    unwatched = {"include_log_monitor": False, "no_monitor": True}
+    cluster = Cluster(initialize_head=True, head_node_args=head | unwatched)
     second = cluster.add_node(num_cpus=1, object_store_memory=10**8)
     cluster.wait_for_nodes()
     _say(str(cluster.address))

@@ -2,8 +2,11 @@
 
 import json
 import math
+import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -60,6 +63,19 @@ def write_capture(folder: Path, views=6, with_masks=True, shaded=False) -> torch
 
     With `shaded`, each strand has a brightness of its own, so that stereo finds segments.
     """
+    made, strands = _made_capture(views, with_masks, shaded)
+    shutil.copytree(made.name, folder, dirs_exist_ok=True)
+    return strands.clone()
+
+
+@cache
+def _made_capture(views: int, with_masks: bool, shaded: bool) -> tuple[TemporaryDirectory, torch.Tensor]:
+    """A capture that is made once and then copied, because many tests need the same one."""
+    made = TemporaryDirectory()
+    return made, _photograph(Path(made.name), views, with_masks, shaded)
+
+
+def _photograph(folder: Path, views: int, with_masks: bool, shaded: bool) -> torch.Tensor:
     strands, head = combed_strands(), ball()
     vertices, faces = torch.from_numpy(head.vertices).float(), torch.from_numpy(head.faces).long()
     (folder / "images").mkdir(parents=True)

@@ -1,6 +1,7 @@
 """All work that should be repeatable, on the smallest data: `python whole_line.py OUT TIMES`.
 
-It works with four threads, in OUT/0, OUT/1 and so on, and prints the digest of every result as JSON, one line for each.
+It works with three threads, in OUT/0, OUT/1 and so on, on photographs that it writes to OUT/given. It prints the digest
+of every result as JSON, one line for each.
 """
 
 import hashlib
@@ -9,22 +10,24 @@ import json
 import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import torch
-from photographed_head import write_scene
+from photographed_head import Scene, write_scene
 from tiny_capture import tiny_config, true_segments, write_capture
 
 from neural_strands.cli.main import main
 from neural_strands.lmvs.files import SegmentsSource, save_segments
 from neural_strands.preparation.prepare import prepare
 from neural_strands.prior.generator import GeneratorConfig
+from neural_strands.prior_training import curve_stream
 from neural_strands.prior_training.config import TrainPriorConfig
 from neural_strands.prior_training.train_prior import train_prior
 
-THREADS, VIEWS = 4, 6
+THREADS, VIEWS = 3, 6
 EDITS = {
     "cut": ["haircut", "--length", "0.05"],
     "denser": ["density", "--strands", "300"],
@@ -54,18 +57,33 @@ def command(*words: object) -> str:
     return printed.getvalue()
 
 
-def work(out: Path) -> None:
-    """Prepare photographs; stereo, two fits, scores, pictures, edits; train a prior."""
-    (out / "scene").mkdir(parents=True)
-    prepare(write_scene(out / "scene").request(out / "prepared"), lambda _: None)
-    strands = write_capture(out / "ball", views=VIEWS)
-    command("lmvs", out / "ball", out / "stereo")
+@dataclass(frozen=True)
+class Given:
+    """What the work begins with: photographs to prepare; a capture, `ball`, and its line segments."""
+
+    folder: Path
+    scene: Scene
+
+
+def write_given(folder: Path) -> Given:
+    """Photograph both into a new folder."""
+    (folder / "scene").mkdir(parents=True)
+    strands = write_capture(folder / "ball", views=VIEWS)
     seen = tuple(f"{view:03d}.png" for view in range(VIEWS) if view % 5 != 4)
-    save_segments(out / "segments.npz", true_segments(strands), SegmentsSource(seen))
+    save_segments(folder / "segments.npz", true_segments(strands), SegmentsSource(seen))
+    return Given(folder, write_scene(folder / "scene"))
+
+
+def work(out: Path, given: Given) -> None:
+    """Prepare photographs; stereo, two fits, scores, pictures, edits; train a prior."""
+    out.mkdir(parents=True)
+    ball, segments = given.folder / "ball", given.folder / "segments.npz"
+    prepare(given.scene.request(out / "prepared"), lambda _: None)
+    command("lmvs", ball, out / "stereo")
     for name, start in (("run", "flow"), ("other", "mean")):
         settings = out / f"{name}.json"
-        settings.write_text(json.dumps(asdict(replace(tiny_config(), initialise=start))))
-        command("fit", out / "ball", out / name, "--segments", out / "segments.npz", "--config", settings)
+        settings.write_text(json.dumps(asdict(tiny_config(steps=8, initialise=start))))
+        command("fit", ball, out / name, "--segments", segments, "--config", settings)
     (out / "evaluated").mkdir()
     figures = json.loads(command("evaluate", out / "run", "--json"))
     del figures["milliseconds"]
@@ -78,7 +96,8 @@ def work(out: Path) -> None:
     tiny = TrainPriorConfig(
         steps=4, sine_steps=2, start_curves=200, batch=16, generator=GeneratorConfig(layers=2, hidden=16)
     )
-    train_prior(out / "prior.safetensors", tiny, seed=1)
+    with patch.object(curve_stream, "CHUNK", 64):
+        train_prior(out / "prior.safetensors", tiny, seed=1)
 
 
 def digests(out: Path) -> dict[str, str]:
@@ -91,8 +110,9 @@ if __name__ == "__main__":
     root, times = Path(sys.argv[1]), int(sys.argv[2])
     os.environ["NEURAL_STRANDS_WEIGHTS"] = str(root / "none")
     use_threads(THREADS)
+    given = write_given(root / "given")
     for number in range(times):
-        work(root / str(number))
+        work(root / str(number), given)
         sys.stdout.write(json.dumps(digests(root / str(number))) + "\n")
     slow = {"torch._dynamo", "sympy"} & set(sys.modules)
     if slow:

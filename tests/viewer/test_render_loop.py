@@ -18,10 +18,10 @@ class Recorder:
 
     def __call__(self, browser, request, size):
         self.begun.set()
-        self.go.wait(5)
+        self.go.wait(60)
         self.drawn.append((browser, request, size))
 
-    def wait_for(self, count, seconds=5.0):
+    def wait_for(self, count, seconds=60.0):
         end = time.monotonic() + seconds
         while len(self.drawn) < count and time.monotonic() < end:
             time.sleep(0.005)
@@ -60,7 +60,7 @@ def test_only_the_newest_of_many_requests_is_drawn(loop):
     made, recorder = loop
     recorder.go.clear()
     made.ask(1, 0)
-    recorder.begun.wait(5)
+    recorder.begun.wait(60)
     for number in range(1, 50):
         made.ask(1, number)
     recorder.go.set()
@@ -72,7 +72,7 @@ def test_browsers_take_turns_and_quick_pictures_come_first(loop):
     made, recorder = loop
     recorder.go.clear()
     made.ask(1, "a")
-    recorder.begun.wait(5)
+    recorder.begun.wait(60)
     made.ask(2, "b")
     made.ask(1, "c")
     recorder.go.set()
@@ -101,7 +101,7 @@ def test_a_request_that_fails_does_not_end_the_others(caplog):
     made = RenderLoop(draw)
     made.ask(1, "bad")
     made.ask(2, "good")
-    assert drawn.wait(5)
+    assert drawn.wait(60)
     made.stop()
     assert "could not be drawn" in caplog.text
 

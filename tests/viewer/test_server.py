@@ -67,7 +67,7 @@ async def first_message(port, origin, host=None):
         async with websockets.connect(
             f"ws://{LOOPBACK}:{port}", origin=origin, additional_headers=headers, subprotocols=subprotocol, proxy=None
         ) as connection:
-            return await asyncio.wait_for(connection.recv(), 10)
+            return await asyncio.wait_for(connection.recv(), 60)
     except websockets.ConnectionClosed as closed:
         return closed.rcvd.code
 
@@ -94,7 +94,7 @@ def test_no_more_browsers_than_allowed(server):
             for _ in range(MOST_BROWSERS):
                 connection = websockets.connect(address, subprotocols=subprotocol, proxy=None)
                 connections.append(await inside.enter_async_context(connection))
-                await asyncio.wait_for(connections[-1].recv(), 10)
+                await asyncio.wait_for(connections[-1].recv(), 60)
             turned_away = await first_message(port, None)
             await connections[-1].close()
             await asyncio.sleep(0.3)
@@ -112,7 +112,7 @@ async def closing_code(port, message):
         try:
             await connection.send(message)
             while True:
-                await asyncio.wait_for(connection.recv(), 10)
+                await asyncio.wait_for(connection.recv(), 60)
         except websockets.ConnectionClosed as closed:
             return None if closed.rcvd is None else closed.rcvd.code
 
@@ -162,7 +162,7 @@ def test_damaged_messages_of_browsers_harm_nobody(server, caplog, capfd):
 
 def test_a_huge_message_ends_the_connection_before_it_arrives(server):
     port = server.get_port()
-    with socket.create_connection((LOOPBACK, port), timeout=10) as connection:
+    with socket.create_connection((LOOPBACK, port), timeout=60) as connection:
         upgrade = (
             f"GET / HTTP/1.1\r\nHost: {LOOPBACK}:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
             f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
@@ -195,7 +195,7 @@ def test_files_of_the_machine_are_not_served(server):
 
 def answer_over_http(port, path):
     """The server's answer to a request for a path, sent as it is."""
-    with socket.create_connection((LOOPBACK, port), timeout=10) as connection:
+    with socket.create_connection((LOOPBACK, port), timeout=60) as connection:
         request = f"GET {path} HTTP/1.1\r\nHost: {LOOPBACK}:{port}\r\nConnection: close\r\n\r\n"
         connection.sendall(request.encode())
         return b"".join(iter(lambda: connection.recv(65536), b""))

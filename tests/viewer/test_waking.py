@@ -26,7 +26,7 @@ def test_a_message_that_comes_just_before_the_sender_waits_is_sent(monkeypatch):
         monkeypatch.setattr(buffer.message_event, "_get_loop", interrupted)
         windows = buffer.window_generator(0)
         try:
-            return await asyncio.wait_for(anext(windows), 10)
+            return await asyncio.wait_for(anext(windows), 60)
         finally:
             await windows.aclose()
 

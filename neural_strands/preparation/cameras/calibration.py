@@ -196,3 +196,23 @@ def lens_of(photograph: Photograph, lenses: Mapping[str, PosedLens]) -> PosedLen
     intrinsics = (fx * across, fy * down, cx * across, cy * down)
     fitting = replace(lens, intrinsics=intrinsics, width=photograph.width, height=photograph.height)
     return replace(posed, lens=fitting)
+
+
+@dataclass(frozen=True)
+class Originals:
+    """The photographs as they were taken, and their lenses.
+
+    Attributes:
+        photographs: the photographs, which may have been reduced since.
+        lenses: their cameras, by file name (`find_lens`).
+    """
+
+    photographs: Sequence[Photograph]
+    lenses: Mapping[str, PosedLens]
+
+    def to_picture(self, name: str, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (n, 2) of the undistorted picture `name` for pixels of the upright photograph."""
+        photograph = next(photograph for photograph in self.photographs if photograph.name == name)
+        posed = lens_of(photograph, self.lenses)
+        moved = photograph.scale * pixels
+        return moved if posed is None else posed.lens.undistort_points(moved)

@@ -31,7 +31,7 @@ from neural_strands.preparation.head.files import head_arrays, head_of, read_hea
 from neural_strands.preparation.head.place import cameras_in_world, place, world_frame
 from neural_strands.preparation.head.shoulder_fit import fit_shoulders
 from neural_strands.preparation.head.template import Template, near_landmarks, rescaled
-from neural_strands.preparation.photographs.folder import read_picture
+from neural_strands.preparation.photographs.folder import read_mask
 from neural_strands.preparation.stage import ADVICE
 from neural_strands.scalp.fit_similarity import Similarity
 from neural_strands.scalp.head import Head
@@ -177,7 +177,7 @@ def _evidence(
     """Collect the photographs' evidence on the head's shape, in the world."""
     world = cameras_in_world(calibration.cameras, frame)
     seen = [
-        (camera.reduced(OUTLINE_SIDE), reduced(read_picture(path)[..., 0], OUTLINE_SIDE) > OUTLINE)
+        (camera.reduced(OUTLINE_SIDE), reduced(read_mask(path, (camera.width, camera.height)), OUTLINE_SIDE) > OUTLINE)
         for camera, path in zip(world, outlines, strict=True)
         if path is not None
     ]

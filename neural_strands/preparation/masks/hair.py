@@ -16,13 +16,14 @@ import numpy as np
 import torch
 
 from neural_strands.capture.images import reduced
+from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.looks import LookHistogram, look_cells
 from neural_strands.preparation.masks.finish import finish_mask
 from neural_strands.preparation.masks.random_walk import random_walk
 from neural_strands.preparation.masks.zones import Ballot, Shown, ZonedHead
-from neural_strands.preparation.photographs.folder import read_picture
+from neural_strands.preparation.photographs.folder import read_mask, read_picture
 
 LONGEST_SIDE = 1024
 """Longer side at which masks are computed, pixels; masks of larger pictures are enlarged."""
@@ -168,7 +169,8 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
     picture = reduced(read_picture(path), LONGEST_SIDE)
     zones = head.seen_by(camera)
     if outline is not None:
-        person = cv2.resize(read_picture(outline)[..., 0], size, interpolation=cv2.INTER_LINEAR) / np.float32(255)
+        mask = read_mask(outline, image_size(path))
+        person = cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) / np.float32(255)
         wide = 2 * round(WISPS / camera.footprint(_distance(camera, head))) + 1
         beside = cv2.dilate(person, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide)))
         person = np.maximum(person, WISP_WEIGHT * beside)

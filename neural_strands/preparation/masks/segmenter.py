@@ -6,45 +6,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from neural_strands.capture.images import mask_of, read_pixels
 from neural_strands.capture.view_files import find_mask
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.progress import track
 from neural_strands.foundation.worker import last_line
 from neural_strands.preparation.cameras.calibration import PosedLens, lens_of
-from neural_strands.preparation.photographs.folder import SUFFIXES, Photograph, read_picture
+from neural_strands.preparation.photographs.folder import SUFFIXES, Photograph, read_mask, read_picture
 from neural_strands.preparation.stage import digest_files
-
-SAME_SHAPE = 0.01
-"""Largest relative difference between the aspect ratios of a mask and its photograph."""
 
 Segmenter = Callable[[UInt8[np.ndarray, "height width 3"]], UInt8[np.ndarray, "height width"]]
 """Makes a mask of the hair, 255 where there is hair, from an RGB picture."""
-
-
-def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
-    """Read a mask (height, width), 8 bits, enlarged or reduced to the photograph's width and height.
-
-    Raises:
-        InputError: the file does not decode, or has another shape than the photograph.
-    """
-    mask = mask_of(read_pixels(path))
-    if mask.dtype == np.uint16:
-        mask = (mask // 257).astype(np.uint8)
-    height, width = mask.shape
-    if abs(width * size[1] / (height * size[0]) - 1.0) > SAME_SHAPE:
-        raise InputError(
-            f"{path}: expected the photograph's shape ({size[0]} x {size[1]}), found {width} x {height}; make masks of "
-            "the upright, uncropped photographs."
-        )
-    if (width, height) == size:
-        return mask
-    return cv2.resize(mask, size, interpolation=cv2.INTER_AREA if width > size[0] else cv2.INTER_LINEAR)
 
 
 @dataclass(frozen=True)

@@ -9,28 +9,26 @@ from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.views import Part, Views
-from neural_strands.preparation.masks.segmenter import read_mask
-from neural_strands.preparation.photographs.folder import read_picture
+from neural_strands.preparation.photographs.folder import read_mask, read_picture
 
 
-def masked_views(cameras: Sequence[Camera], pictures: Sequence[Path], masks: Path) -> Views:
+def masked_views(cameras: Sequence[Camera], pictures: Sequence[Path], masks: Sequence[Path]) -> Views:
     """Views that read a picture or mask when it is needed.
 
     Args:
         cameras: cameras of the views.
         pictures: the undistorted pictures.
-        masks: folder of the hair masks, named like the pictures.
+        masks: the hair mask of each picture.
 
     Raises:
         InputError: when read, a file is missing or damaged.
     """
 
     def read(index: int, part: Part) -> Tensor | None:
-        camera, picture = cameras[index], pictures[index]
         if part == "image":
-            pixels = read_picture(picture)
+            pixels = read_picture(pictures[index])
         elif part == "hair_mask":
-            pixels = read_mask(masks / picture.name, (camera.width, camera.height))
+            pixels = read_mask(masks[index], (cameras[index].width, cameras[index].height))
         else:
             return None
         return torch.from_numpy(pixels.astype(np.float32) / 255)

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageCms
 
-from neural_strands.capture.images import colour_of, read_pixels, reduced
+from neural_strands.capture.images import colour_of, mask_of, read_pixels, reduced
 from neural_strands.foundation.configs import Between, config_from_json
 from neural_strands.foundation.errors import InputError, excerpt, reason
 from neural_strands.foundation.input_files import has_controls, is_file_name
@@ -43,6 +43,8 @@ LONGEST_FOCAL = 1e9
 """Longest focal length that is believed, pixels."""
 MOST_PIXELS = 250_000_000
 """Largest number of pixels of a photograph; phones have sensors of 200 million."""
+SAME_SHAPE = 0.01
+"""Largest relative difference between the aspect ratios of a mask and its photograph."""
 HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
 """What follows the word `ftyp` in a HEIC file."""
 LIST = "photographs.json"
@@ -232,6 +234,26 @@ def read_picture(path: Path) -> np.ndarray:
             f"{path}: expected a picture of an earlier stage, found none that can be read; remove that stage's folder."
         ) from error
     return colour_of(pixels)
+
+
+def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
+    """Read a mask (height, width), 8 bits, enlarged or reduced to the photograph's width and height.
+
+    Raises:
+        InputError: the file does not decode, or has another shape than the photograph.
+    """
+    mask = mask_of(read_pixels(path))
+    if mask.dtype == np.uint16:
+        mask = (mask // 257).astype(np.uint8)
+    height, width = mask.shape
+    if abs(width * size[1] / (height * size[0]) - 1.0) > SAME_SHAPE:
+        raise InputError(
+            f"{path}: expected the photograph's shape ({size[0]} x {size[1]}), found {width} x {height}; make masks of "
+            "the upright, uncropped photographs."
+        )
+    if (width, height) == size:
+        return mask
+    return cv2.resize(mask, size, interpolation=cv2.INTER_AREA if width > size[0] else cv2.INTER_LINEAR)
 
 
 def _upright(image: Image.Image, longest_side: int) -> tuple[np.ndarray, float, float, str]:

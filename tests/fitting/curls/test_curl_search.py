@@ -3,19 +3,20 @@
 import math
 import re
 from dataclasses import replace
+from typing import NamedTuple
 
 import pytest
 import torch
-from counted_loops import CountedLoops
+from counted_loops import CountedLoops, Loop
 from tiny_capture import RADIUS, ball, write_capture
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
+from neural_strands.fitting import first_strands
 from neural_strands.fitting.curls.comparison import PITCHES, SLOPES, Comparison, photographs
-from neural_strands.fitting.curls.curl_search import OF_NOISE, WAVY, curl_strands, find_curls
-from neural_strands.fitting.curls.helices import closest_helices, lean_off_gravity, leaning_segments
+from neural_strands.fitting.curls.curl_search import OF_NOISE, WAVY, FoundCurls, curl_strands, find_curls
+from neural_strands.fitting.curls.helices import lean_off_gravity, leaning_segments
 from neural_strands.fitting.curls.streaks import drawn_hair
-from neural_strands.fitting.first_strands import trace_first_strands
 from neural_strands.flow.curls import Curl, Locks, curled
 from neural_strands.flow.field import FlowConfig
 from neural_strands.flow.hair_flow import HairRoom, InitialConfig, hair_flow, hair_room
@@ -32,10 +33,10 @@ from neural_strands.raster.lines import rasterise_lines
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.roots import sample_roots
 
-CONFIG = InitialConfig(flow=FlowConfig(spacing=0.004))
+CONFIG = InitialConfig(flow=FlowConfig(spacing=0.006))
 TRUE = Curl(0.005, 0.03, -1)
 SCALP = torch.from_numpy(ball().triangles_center[:, 1] > 0.02).nonzero()[:, 0]
-SIDE, FOCAL, VIEWS = 256, 420.0, 8
+SIDE, FOCAL, VIEWS, STRANDS = 160, 262.5, 5, 1200
 
 
 def hanging_axes(count: int, points: int = 120) -> torch.Tensor:
@@ -108,65 +109,85 @@ class Photographed:
 
 @pytest.fixture(scope="module")
 def curly() -> Photographed:
-    axes = hanging_axes(3000)
+    axes = hanging_axes(STRANDS)
     normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
     distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
     return Photographed(curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), TRUE, distance))
 
 
-@pytest.mark.slow(seconds=40)
-def test_curls_are_found_and_wound(curly):
-    room = curly.room()
-    plain = curly.plain(room)
-    found = find_curls(room, curly.segments, curly.views, plain, curly.normals, SCALP, CONFIG)
+class Traced(NamedTuple):
+    """First strands of the curly hair, and what their tracing found, said and counted."""
+
+    found: FoundCurls | None
+    strands: torch.Tensor
+    said: list[str]
+    loops: list[Loop]
+
+
+@pytest.fixture(scope="module")
+def traced(curly: Photographed, tmp_path_factory: pytest.TempPathFactory) -> Traced:
+    folder = tmp_path_factory.mktemp("curly") / "ball"
+    write_capture(folder)
+    scalp = find_head(Capture.load(folder), None)
+    roots = sample_roots(scalp, 800, torch.Generator().manual_seed(0))
+    roots = roots.select(roots.position[:, 1] > 0.04)
+    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
+    found: list[FoundCurls | None] = []
+    said: list[str] = []
+    counted = CountedLoops()
+
+    def kept(*arguments) -> FoundCurls | None:
+        found.append(find_curls(*arguments))
+        return found[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(first_strands, "find_curls", kept)
+        feedback = Feedback(said.append, counted.track)
+        random = torch.Generator().manual_seed(0)
+        first = first_strands.trace_first_strands(
+            scalp, curly.segments, curly.views, roots, CONFIG, distance, random, feedback
+        )
+    return Traced(found[-1], first.strands.points, said, counted.loops)
+
+
+@pytest.fixture(scope="module")
+def found(traced: Traced) -> FoundCurls | None:
+    return traced.found
+
+
+@pytest.mark.slow(seconds=30)
+def test_curls_are_found_and_wound(curly, found):
     assert found is not None
     assert found.curl.turn == TRUE.turn
     assert found.curl.pitch == pytest.approx(TRUE.pitch, rel=0.25)
     assert found.curl.slope == pytest.approx(TRUE.slope, rel=0.4)
     distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
     strands = curl_strands(found, curly.roots, curly.normals, distance, CONFIG).points
-    assert strands.shape == (3000, CONFIG.trace.points, 3)
+    assert strands.shape == (STRANDS, CONFIG.trace.points, 3)
     assert torch.allclose(strands[:, 0], curly.roots, atol=1e-5)
     assert (SignedDistanceIndex(head())(strands.reshape(-1, 3)).distance > -0.002).float().mean() > 0.99
     assert float(lengths(strands).median()) > 0.12
 
 
-@pytest.mark.slow(seconds=40)
-def test_axes_run_as_those_that_the_curls_were_wound_about(curly):
+def test_axes_run_as_those_that_the_curls_were_wound_about(found):
     """Some segments lean otherwise; with these, half of the axes' directions would be off by more than 24 degrees."""
-    room, scalp = curly.room(), (curly.roots, curly.normals, SCALP)
-    plain = Comparison.along(curly.plain(room), photographs(curly.views))
-    leaning = leaning_segments(room, curly.segments, curly.roots, curly.normals, CONFIG)
-    assert leaning is not None
-    flow = closest_helices(room, leaning, scalp, plain, curly.normals, CONFIG).axes
-    axes = hanging_axes(3000)[::10, 10:110]
-    along, true = flow.at(axes.reshape(-1, 3)), directions(axes).reshape(-1, 3)
+    assert found is not None
+    axes = hanging_axes(STRANDS)[::10, 10:110]
+    along, true = found.axes.at(axes.reshape(-1, 3)), directions(axes).reshape(-1, 3)
     cosine = torch.nn.functional.cosine_similarity(along, true, dim=-1)
     off = torch.rad2deg(cosine.clamp(-1, 1).acos())
     assert off.median() < 15
     assert off.quantile(0.9) < 30
 
 
-@pytest.mark.slow(seconds=40)
-def test_first_strands_of_curly_hair_curl_and_say_so(curly, tmp_path):
-    write_capture(tmp_path / "ball")
-    scalp = find_head(Capture.load(tmp_path / "ball"), None)
-    heard: list[str] = []
-    roots = sample_roots(scalp, 1500, torch.Generator().manual_seed(0))
-    top = roots.position[:, 1] > 0.04
-    distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
-    counted = CountedLoops()
-    feedback = Feedback(heard.append, counted.track)
-    generator = torch.Generator().manual_seed(0)
-    found = trace_first_strands(
-        scalp, curly.segments, curly.views, roots.select(top), CONFIG, distance, generator, feedback
-    ).strands
-    (said,) = heard
-    assert all(loop.complete for loop in counted.loops)
+@pytest.mark.slow(seconds=30)
+def test_first_strands_of_curly_hair_curl_and_say_so(traced):
+    (said,) = traced.said
+    assert all(loop.complete for loop in traced.loops)
     # The flow along the segments and the hanging one; for every lean that is tried, a flow and a drawing of each size;
     # and the flow along the axes that these show.
-    titles = [loop.title for loop in counted.loops]
-    drawings = [loop.total for loop in counted.loops if loop.title == "drawing curls"]
+    titles = [loop.title for loop in traced.loops]
+    drawings = [loop.total for loop in traced.loops if loop.title == "drawing curls"]
     assert drawings == [2 * len(SLOPES) + len(PITCHES)] * len(drawings)
     assert len(drawings) >= 1
     flows = titles.count("spreading hair over its room")
@@ -177,16 +198,17 @@ def test_first_strands_of_curly_hair_curl_and_say_so(curly, tmp_path):
     radius, pitch = (float(number) / 1000 for number in re.findall(r"([\d.]+) mm", said))
     assert pitch == pytest.approx(TRUE.pitch, rel=0.25)
     assert radius == pytest.approx(TRUE.radius, rel=0.4)
-    turning = torch.linalg.cross(segments(found.points)[:, :-1], segments(found.points)[:, 1:])
+    turning = torch.linalg.cross(segments(traced.strands)[:, :-1], segments(traced.strands)[:, 1:])
     # Curls turn on by more than half a circle every pitch; straight hair hardly turns at all.
-    turned = (turning.norm(dim=-1) / segments(found.points)[:, 1:].square().sum(dim=-1)).sum(dim=1)
-    assert turned.median() > math.pi * lengths(found.points).median() / TRUE.pitch / 2
+    turned = (turning.norm(dim=-1) / segments(traced.strands)[:, 1:].square().sum(dim=-1)).sum(dim=1)
+    assert turned.median() > math.pi * lengths(traced.strands).median() / TRUE.pitch / 2
 
 
-@pytest.mark.slow(seconds=90)
+@pytest.mark.usefixtures("shapes_unchecked")
+@pytest.mark.slow(seconds=50)
 def test_curls_combed_to_one_side_are_found():
     """Off a course that hangs, their segments lean by 23 degrees instead of 38."""
-    axes = combed_around(hanging_axes(3000), -2.5)
+    axes = combed_around(hanging_axes(STRANDS), -2.5)
     normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
     distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
     curly = Photographed(curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), TRUE, distance))
@@ -201,10 +223,10 @@ def test_curls_combed_to_one_side_are_found():
     assert found.curl.slope == pytest.approx(TRUE.slope, rel=0.4)
 
 
-@pytest.mark.slow(seconds=40)
+@pytest.mark.slow(seconds=30)
 def test_locks_that_wave_either_way_are_found():
     """Their segments lean to both sides, so that only the photographs tell."""
-    axes, waves = hanging_axes(3000), Curl(0.004, 0.04, 0, 0.5)
+    axes, waves = hanging_axes(STRANDS), Curl(0.004, 0.04, 0, 0.5)
     normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
     distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
     wavy = Photographed(curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), waves, distance))
@@ -218,7 +240,7 @@ def test_locks_that_wave_either_way_are_found():
 
 
 def test_straight_hair_has_no_curls():
-    straight = Photographed(hanging_axes(3000))
+    straight = Photographed(hanging_axes(STRANDS))
     room = straight.room()
     lean = lean_off_gravity(room, straight.segments)
     assert abs(math.degrees(lean.angle)) < 5
@@ -242,7 +264,7 @@ def in_noise(strands: torch.Tensor, axes: torch.Tensor, noise: float) -> Compari
 
 @pytest.mark.slow(seconds=30)
 def test_noise_is_measured_and_explains_why_straight_hair_leans():
-    axes = hanging_axes(3000)
+    axes = hanging_axes(STRANDS)
     for noise, expected in ((0.05, 0.0), (0.25, 0.25)):
         comparison = in_noise(axes, axes, noise)
         found = comparison.noise()
@@ -253,7 +275,7 @@ def test_noise_is_measured_and_explains_why_straight_hair_leans():
 
 @pytest.mark.slow(seconds=30)
 def test_waves_are_told_from_noise():
-    axes, waves = hanging_axes(3000), Curl(0.004, 0.04, 0, 0.5)
+    axes, waves = hanging_axes(STRANDS), Curl(0.004, 0.04, 0, 0.5)
     normals = torch.nn.functional.normalize(axes[:, 0], dim=-1)
     distance = SignedDistanceGrid.build(head(), 0.005, 0.05)
     wavy = curled(axes, normals, Locks.drawn(axes[:, 0], 0.014), waves, distance)
@@ -265,11 +287,12 @@ def test_waves_are_told_from_noise():
     assert in_as_much > OF_NOISE * plainly
 
 
-@pytest.mark.slow(seconds=60)
+@pytest.mark.usefixtures("shapes_unchecked")
+@pytest.mark.slow(seconds=50)
 @pytest.mark.parametrize(("twist", "strong"), [(6.0, True), (4.0, False)])
 def test_straight_hair_combed_to_one_side_has_no_curls(twist, strong):
     """Segments that lean like those of curls, but photographs that show straight streaks."""
-    combed = Photographed(combed_around(hanging_axes(3000), twist))
+    combed = Photographed(combed_around(hanging_axes(STRANDS), twist))
     room = combed.room()
     leaning = leaning_segments(room, combed.segments, combed.roots, combed.normals, CONFIG)
     assert leaning is not None
