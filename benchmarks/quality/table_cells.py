@@ -21,6 +21,7 @@ from neural_strands.capture.hold_out import HOLD_OUT_EVERY, held_out_views, trai
 from neural_strands.capture.writer import CaptureWriter
 from neural_strands.fitting.config import Preset
 from neural_strands.foundation.files import write_json
+from neural_strands.runs.evaluate import GRAIN
 
 BENCHMARKS = Path(__file__).resolve().parents[1]
 BROKEN = "failed: see {}"
@@ -40,12 +41,14 @@ class Settings:
         steps: of our fits and ablations; None leaves the preset's to fits, and `ablations.py` its own.
         every: one view in so many is held out.
         rival_minutes: of a processor, for each rival; None gives it as many as our fit of the same views.
+        grain: over the hair in our pictures that are scored, as `evaluate` draws it; they are scored without it, too.
     """
 
     preset: Preset
     steps: int | None
     every: int = HOLD_OUT_EVERY
     rival_minutes: float | None = None
+    grain: float = GRAIN
 
 
 @dataclass(frozen=True)
@@ -153,16 +156,21 @@ class Cells:
         made = self._run(name, [*words, "--config.hold-out-every", "0"])
         held_out = [opened.cameras[index] for index in held_out_views(len(opened), self.settings.every)]
         CaptureWriter(drawn / "cameras").finish(held_out)
-        cameras = str(drawn / "cameras" / "transforms.json")
-        words = ["render", str(run), "--camera", cameras, "--out", str(drawn / "views"), "--json"]
-        self._run(f"render_{name}", ["-m", "neural_strands", *words])
-        words = ["score-views", str(drawn / "views"), str(capture), "--every", str(self.settings.every), "--json"]
         found = {"strands": made["strands"], "steps": made["steps"], "minutes": self.minutes(name)}
-        found["views"] = self._run(f"score_{name}", ["-m", "neural_strands", *words])["mean"]["hair"]
+        clean = {"hair": self._scored(f"{name}_clean", run, capture, drawn, grain=0.0)}
+        found["views"] = {**self._scored(name, run, capture, drawn, self.settings.grain), "without_grain": clean}
         if opened.ground_truth is not None:
             words = ["score", str(run / "groom.npz"), str(capture), "--json"]
             found["geometry"] = self._run(f"truth_{name}", ["-m", "neural_strands", *words])
         return found
+
+    def _scored(self, name: str, run: Path, capture: Path, drawn: Path, grain: float) -> dict[str, Any]:
+        """Scores of a run's pictures over the hair, from the cameras in `drawn`."""
+        cameras, views = str(drawn / "cameras" / "transforms.json"), str(drawn / name)
+        words = ["render", str(run), "--camera", cameras, "--out", views, "--grain", str(grain), "--json"]
+        self._run(f"render_{name}", ["-m", "neural_strands", *words])
+        words = ["score-views", views, str(capture), "--every", str(self.settings.every), "--json"]
+        return self._run(f"score_{name}", ["-m", "neural_strands", *words])["mean"]["hair"]
 
     def _splats(
         self, name: str, capture: Path, shown: Sequence[int], ours: dict[str, Any], run: Path

@@ -82,6 +82,8 @@ def pictures(
     for name, seeds in fits.items():
         lack = lacks(seeds)
         rows.append((name, "ours", lack) if lack else (name, "ours", *_ours(seeds)))
+        if not lack:
+            rows.append((name, "ours, without grain", *_measures([_clean(fit) for fit in seeds])))
         lack, rival = lacks([splats[name]]), (name, "3D Gaussian splats (OpenSplat)")
         rows.append((*rival, lack) if lack else (*rival, *_rival(splats[name])))
         if lack := lacks([rulers[name]]):
@@ -143,6 +145,8 @@ def fewer_views(found: Mapping[str, tuple[dict[str, Any], dict[str, Any]]]) -> s
             scores = cell.get("geometry")
             levels = " / ".join(f"{scores[level]['f_score']:.1f}" for level in LEVELS) if scores else "-"
             rows.append((label, what, f"{cell[count]:,}", levels, *_measures([cell["views"]])))
+            if what == "ours":
+                rows.append((label, "ours, without grain", "", "", *_measures([_clean(cell)])))
     return markdown(heads, rows)
 
 
@@ -157,6 +161,11 @@ def _ours(fits: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     outline = (over_seeds([each.get(name) for each in alpha], 3) for name in ("mean_absolute_error", "outline_iou"))
     count, minutes = f"{fits[0]['strands']:,} strands", over_seeds([fit["minutes"] for fit in fits], 1)
     return (*_measures([fit["views"] for fit in fits]), *outline, count, minutes)
+
+
+def _clean(fit: dict[str, Any]) -> dict[str, Any]:
+    """Scores of pictures without the photographs' grain, as one sees them elsewhere."""
+    return fit["views"]["without_grain"]["hair"]
 
 
 def _rival(cell: dict[str, Any]) -> tuple[str, ...]:

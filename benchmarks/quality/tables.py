@@ -5,7 +5,8 @@
 `geometry` is the paper's table 1: line segments and strands against the truth, beside the paper's rows. `pictures` is
 its table 2: held-out views of ours and of rivals on the same images, and of blurred photographs, for PSNR and SSIM
 reward blur. `times` is its table 3. `ablations` changes one thing at a time, on the first capture. `views` takes 24, 16
-and 8 of the training views. Fits are repeated with several seeds: a figure is their mean, and ± half of their range.
+and 8 of the training views. Our pictures are scored with the photographs' grain over the hair, as `evaluate` draws it,
+and without. Fits are repeated with several seeds: a figure is their mean, and ± half of their range.
 
 DATA holds captures, each a folder, with true strands where geometry is to be judged. Each cell is kept in OUT/cells
 (see table_cells.py). OUT/tables.md is written anew after each table; what is missing is named there.
