@@ -80,9 +80,10 @@ def pictures(
     heads = ("capture", "what", *PICTURE_HEADS, "alpha error", "outline IoU", "primitives", "minutes of a processor")
     rows: list[Sequence[str]] = []
     for name, seeds in fits.items():
-        lack = lacks(seeds)
-        rows.append((name, "ours", lack) if lack else (name, "ours", *_ours(seeds)))
-        if not lack:
+        if lack := lacks(seeds):
+            rows.append((name, "ours", lack))
+        else:
+            rows.append((name, "ours", *_ours(seeds)))
             rows.append((name, "ours, without grain", *_measures([_clean(fit) for fit in seeds])))
         lack, rival = lacks([splats[name]]), (name, "3D Gaussian splats (OpenSplat)")
         rows.append((*rival, lack) if lack else (*rival, *_rival(splats[name])))
