@@ -104,9 +104,13 @@ def hair_model(strands: int, arguments: Arguments, device: torch.device) -> Hair
     config = HairModelConfig(
         textures=KNOTTED, unet=UNetConfig(widths), lines=arguments.lines, supersample=arguments.supersample
     )
-    model = HairModel(config, hemisphere(strands, random), load_prior().generator, ball(), random)
+    prior = load_prior()
+    # As in a fit's model, whose texture holds what the modulator puts out.
+    generator = prior.without_modulator().generator
+    model = HairModel(config, hemisphere(strands, random), generator, ball(), random)
     with torch.no_grad():
-        model.textures.shape.normal_(generator=random)
+        shape = model.textures.shape
+        shape.copy_(prior.generator.modulator(torch.randn(shape.flatten(0, 1).shape, generator=random)).view_as(shape))
         model.textures.appearance.normal_(generator=random)
     model = model.to(device).eval()
     if arguments.compile:

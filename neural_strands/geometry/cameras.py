@@ -138,10 +138,14 @@ class Camera:
         directions = homogeneous @ (self._inverse_intrinsics().T @ self.rotation)
         return torch.nn.functional.normalize(directions, dim=-1)
 
-    def ray_planes(self) -> Float[Tensor, "3 height width"]:
-        """`rays` through all pixel centres, with the axes first: several times as fast on the CPU."""
+    def ray_planes(self, step: int = 1) -> Float[Tensor, "3 height width"]:
+        """`rays` through all pixel centres, with the axes first: several times as fast on the CPU.
+
+        Args:
+            step: side of a pixel; the last ones may reach beyond the picture.
+        """
         at = {"dtype": self.intrinsics.dtype, "device": self.intrinsics.device}
-        x, y = (torch.arange(side, **at) + 0.5 for side in (self.width, self.height))
+        x, y = (step * (torch.arange(-(-side // step), **at) + 0.5) for side in (self.width, self.height))
         columns, rows, ahead = self._inverse_intrinsics().T @ self.rotation
         planes = columns[:, None, None] * x + rows[:, None, None] * y[:, None] + ahead[:, None, None]
         return planes / planes.square().sum(dim=0).sqrt()

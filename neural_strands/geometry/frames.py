@@ -40,7 +40,8 @@ def to_world(
     frames: Float[Tensor, "strand 3 3"],
 ) -> Float[Tensor, "strand point 3"]:
     """Inverse of `to_local`."""
-    return points @ frames.transpose(-1, -2) + origins[:, None]
+    # Many products of 3 x 3 with 3 x n take a quarter of the time of as many of n x 3 with 3 x 3.
+    return torch.baddbmm(origins[:, :, None], frames, points.mT).mT.contiguous()
 
 
 def strand_frames(

@@ -336,12 +336,8 @@ class HairModel(nn.Module):
 
         Opacity in dense hair depends on the last few per cent of coverage, which only the logit tells apart.
         """
-        height, width = level_map.coverage.shape
-        row = (torch.arange(height, device=camera.intrinsics.device) + 0.5) * 2**level
-        column = (torch.arange(width, device=camera.intrinsics.device) + 0.5) * 2**level
-        centres = torch.stack(torch.meshgrid(column, row, indexing="xy"), dim=-1)
         share = level_map.coverage / (self.config.supersample * 2**level) ** 2
-        rays = camera.rays(centres)
+        rays = camera.ray_planes(2**level).permute(1, 2, 0)
         odds = ODDS_SCALE * torch.logit(share.clamp(LEAST_OPACITY, 1 - LEAST_OPACITY))
         return rays if turn is None else rays @ turn.T, odds[..., None]
 
@@ -362,4 +358,5 @@ def _uncorrected(maps: list[SplatMap]) -> Float[Tensor, "height width 4"]:
 def _encoded(features: Float[Tensor, "c h w"]) -> tuple[Float[Tensor, "h w descriptor"], Float[Tensor, "h w 3"]]:
     """Splatted descriptors, and colours sRGB-encoded: encoding gives dark hair more of the network's input range."""
     descriptor, colour = features.permute(1, 2, 0).split([len(features) - 3, 3], dim=2)
-    return descriptor, to_srgb(colour)
+    # Neighbours in memory are encoded at once.
+    return descriptor, to_srgb(colour.contiguous())

@@ -59,7 +59,7 @@ class Analysis:
         if self.modulated:
             self.grid = low * (high / low) ** torch.linspace(0.002, 0.998, GRID, device=t.device)
         else:
-            self.grid, self.fixed = torch.full((1,), low, device=t.device), generator.fixed_frequencies()
+            self.grid = torch.full((1,), low, device=t.device)
         waves = self.angles(self.grid, torch.zeros(len(self.grid), len(self.warp), device=t.device)).sin()
         self.grid_bases = torch.linalg.qr((waves @ self.project).transpose(1, 2))[0]
 
@@ -68,13 +68,7 @@ class Analysis:
     ) -> Float[Tensor, "strand unit step"]:
         """Arguments of the second layer's sines at each step."""
         bent = (warp @ self.warp)[:, None] + self.layer.unit_phase[:, None]
-        return self.frequencies(frequency)[..., None] * self.tau + bent
-
-    def frequencies(self, frequency: Float[Tensor, " strand"]) -> Float[Tensor, "strand unit"]:
-        """Frequency of each unit."""
-        if self.modulated:
-            return frequency[:, None] + self.layer.unit_frequency
-        return self.fixed.expand(len(frequency), -1)
+        return self.layer.unit_frequencies(frequency)[..., None] * self.tau + bent
 
     def solve(
         self, shapes: Float[Tensor, "strand point 3"], refine: int
@@ -95,7 +89,7 @@ class Analysis:
             basis = torch.where(better[:, None, None], new_basis, basis)
             unit = torch.where(better[:, None, None], new_unit, unit)
         # `unit` weights sines that are already averaged over steps, whereas the synthesiser attenuates them itself.
-        attenuation = self.layer.attenuation(self.frequencies(frequency), self.points)[:, None]
+        attenuation = self.layer.attenuation(self.layer.unit_frequencies(frequency), self.points)[:, None]
         smooth = (steps - unit @ self.angles(frequency, warp).sin()) @ self.smooth_weights
         return frequency, warp, unit / attenuation, smooth
 

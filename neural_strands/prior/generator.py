@@ -12,7 +12,6 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from neural_strands.foundation.configs import Between
-from neural_strands.prior.blocks import in_blocks
 from neural_strands.prior.bounded_quantities import length_from_raw, quantity_between
 from neural_strands.prior.heading import smooth_from_heading
 from neural_strands.prior.modulator import CouplingModulator, MlpModulator
@@ -83,19 +82,19 @@ class StrandGenerator(nn.Module):
         self.synthesiser = Synthesiser(inner)
 
     def forward(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
-        """Decode strands with `points` points each, in blocks that fit in the processor's cache.
+        """Decode strands with `points` points each.
 
         Raises:
             ValueError: the latents have another size, or `points` is less than two.
         """
         self._check(latent, points)
-        return in_blocks(self.reference, latent, points)
+        return self.synthesiser(self.modulations(self.raw(latent)), points)
 
     def reference(
         self, latent: Float[Tensor, "strand latent"], points: int = 100
     ) -> Float[Tensor, "strand {points} 3"]:
-        """Decode all strands at once; tests compare `forward` with this."""
-        return self.synthesiser(self.modulations(self.raw(latent)), points)
+        """Decode all strands at once, sine by sine; tests compare `forward` with this."""
+        return self.synthesiser.reference(self.modulations(self.raw(latent)), points)
 
     def raw(self, latent: Float[Tensor, "strand latent"]) -> Raw:
         """Apply the modulator and its linear map."""
@@ -130,31 +129,19 @@ class StrandGenerator(nn.Module):
 
     def modulations(self, raw: Raw) -> Modulations:
         """Amplitudes, frequencies and phases of the sine layers."""
-        layer = self.synthesiser
+        lowest, highest = self.frequency_bounds()
         if self.config.synthesiser.modulation == "all":
-            frequency = quantity_between(raw.frequency, *self.frequency_bounds())[:, None] + layer.unit_frequency
-            warp = raw.warp
+            frequency, warp = quantity_between(raw.frequency, lowest, highest), raw.warp
         else:
-            frequency = self.fixed_frequencies().expand(len(raw.length), -1)
-            warp = torch.zeros_like(raw.warp)
+            frequency, warp = torch.full_like(raw.frequency, lowest), torch.zeros_like(raw.warp)
         gain = LARGEST_GAIN * raw.gain.sigmoid()
-        return Modulations(
-            length_from_raw(raw.length),
-            smooth_from_heading(raw.smooth, layer.reach()) @ layer.smooth_mix,
-            gain[:, None, None] * raw.unit,
-            frequency,
-            warp,
-        )
+        smooth = smooth_from_heading(raw.smooth, self.synthesiser.reach())
+        return Modulations(length_from_raw(raw.length), smooth, gain[:, None, None] * raw.unit, frequency, warp)
 
     def frequency_bounds(self) -> tuple[float, float]:
         """Lowest and highest curl frequency, radians over a strand."""
         inner = self.config.synthesiser
         return 2 * torch.pi * inner.slowest, 2 * torch.pi * inner.fastest
-
-    def fixed_frequencies(self) -> Float[Tensor, " unit"]:
-        """Frequencies of the second layer if only amplitudes are modulated: above those of the smooth functions."""
-        spread = torch.arange(self.config.synthesiser.units, device=self.linear.weight.device) // 2
-        return self.frequency_bounds()[0] + self.synthesiser.unit_frequency + spread * torch.pi
 
     def _check(self, latent: Tensor, points: int) -> None:
         if latent.ndim != 2 or latent.shape[1] != self.config.latent:

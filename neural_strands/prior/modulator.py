@@ -37,6 +37,8 @@ class CouplingModulator(nn.Module):
 
     def forward(self, latent: Float[Tensor, "strand latent"]) -> Float[Tensor, "strand latent"]:
         """Map latents to whitened raw quantities."""
+        if not self.networks:
+            return latent
         # One row per channel, so that selecting channels copies whole rows.
         value = latent.T
         for order, network in zip(self.order, self.networks, strict=True):

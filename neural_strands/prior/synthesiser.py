@@ -7,7 +7,11 @@ A strand is integrated from dp/dt = length x [first(t) + second(t)], where t run
   phase are modulated by the latent; the carriers, weighted by the latent (`warp`), are added to their phase, as a first
   sine layer feeds a second.
 
-Letters: i carrier, j unit of the second layer, s smooth function (a fixed mix of carriers), w warp, c axis.
+The units of a strand differ from its own turn(t) = f (t - 1/2) + warp(t) by phases d_j(t) = k_j (t - 1/2) + b_j that
+are the same for all strands. So sin(turn + d_j) = sin(turn) cos(d_j) + cos(turn) sin(d_j) needs one sine and one cosine
+per step instead of one sine per unit, and the sums over units are products with fixed matrices (`FixedWaves`).
+
+Letters: i carrier, j unit of the second layer.
 """
 
 import math
@@ -19,6 +23,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from neural_strands.foundation.configs import Between
+from neural_strands.prior.blocks import in_blocks
 
 Output = Literal["gradient", "position"]
 Modulation = Literal["all", "amplitude"]
@@ -62,17 +67,32 @@ class Modulations:
 
     Attributes:
         length: scale of the strand, metres.
-        carrier_amplitude: amplitudes of the first layer, per axis.
-        unit_amplitude: amplitudes of the second layer, per axis.
-        frequency: frequency of each second-layer unit, radians over t in [0, 1].
+        smooth: weights of the smooth functions (fixed mixes of the carriers), per axis, in strand lengths.
+        unit_amplitude: amplitudes of the second layer, per axis, in strand lengths.
+        frequency: frequency of the second layer, radians over t in [0, 1]; its units lie around it.
         warp: weight of each warp function in the phase of the second layer, radians.
     """
 
     length: Float[Tensor, " strand"]
-    carrier_amplitude: Float[Tensor, "strand 3 carrier"]
+    smooth: Float[Tensor, "strand 3 smooth"]
     unit_amplitude: Float[Tensor, "strand 3 unit"]
-    frequency: Float[Tensor, "strand unit"]
+    frequency: Float[Tensor, " strand"]
     warp: Float[Tensor, "strand warp"]
+
+
+@dataclass(frozen=True)
+class FixedWaves:
+    """Functions of t that all strands share, at each point; a point belongs to the step that leads to it.
+
+    Attributes:
+        smooth: the smooth functions, averaged over each step; 0 at the root, to which no step leads.
+        turn: functions that add up to the turn of a strand: t - 1/2, weighted by its frequency, then the warps.
+        unit: cosines, then sines of the units' own phases; 0 at the root.
+    """
+
+    smooth: Float[Tensor, "smooth point"]
+    turn: Float[Tensor, "turn point"]
+    unit: Float[Tensor, "unit 2*point"]
 
 
 class Synthesiser(nn.Module):
@@ -97,19 +117,56 @@ class Synthesiser(nn.Module):
         self.unit_phase = nn.Parameter(torch.tensor([0.0, math.pi / 2]).repeat(config.sidebands))
 
     def forward(self, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
-        """Synthesise strands in local metres, the root at 0."""
-        return positions(self.steps(modulations, points), self.config.output)
+        """Synthesise strands in local metres, the root at 0, in blocks that fit in the processor's cache."""
+        waves = self.fixed_waves(points)
 
-    def steps(self, modulations: Modulations, points: int) -> Float[Tensor, "strand 3 step"]:
-        """The steps behind the points: offsets d_k (gradient) or positions (position), metres."""
-        t = times(points, self.config.output, self.carrier_frequency)
-        weight = modulations.length[:, None, None] * self.step_size(points)
-        frequency = modulations.frequency
-        amplitude = modulations.unit_amplitude * self.attenuation(frequency, points)[:, None]
-        first = modulations.carrier_amplitude @ self.carriers(t, points)
+        def decode(smooth: Tensor, amplitude: Tensor, turn: Tensor) -> Float[Tensor, "block point 3"]:
+            return positions(_offsets(smooth, amplitude, turn, waves), self.config.output)
+
+        return in_blocks(decode, self._weights(modulations, points), points)
+
+    def reference(self, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
+        """Add up the sines of all units as they are defined, for all strands at once; the naive twin of `forward`."""
+        smooth, amplitude, _ = self._weights(modulations, points)
+        t = self.times(points)
         warp = modulations.warp @ (self.warp_mix @ self.carriers(t, None))
-        angle = frequency[..., None] * (t - 0.5) + (self.unit_phase[:, None] + warp[:, None])
-        return weight * (first + amplitude @ angle.sin())
+        angle = self.unit_frequencies(modulations.frequency)[..., None] * (t - 0.5)
+        waves = (angle + self.unit_phase[:, None] + warp[:, None]).sin()
+        steps = smooth @ self.smooth_mix @ self.carriers(t, points) + amplitude @ waves
+        return positions(_from_root(steps, self.config.output), self.config.output)
+
+    def fixed_waves(self, points: int) -> FixedWaves:
+        """What all strands of so many points share."""
+        t = self.times(points)
+        own = self.unit_frequencies(self.unit_frequency.new_zeros(1))[0, :, None] * (t - 0.5) + self.unit_phase[:, None]
+        turn = torch.cat([(t - 0.5)[None], self.warp_mix @ self.carriers(t, None)])
+        smooth, turn, cosines, sines = (
+            _from_root(waves, self.config.output)
+            for waves in (self.smooth_mix @ self.carriers(t, points), turn, own.cos(), own.sin())
+        )
+        return FixedWaves(smooth, turn, torch.cat([cosines, sines], dim=1))
+
+    def unit_frequencies(self, frequency: Float[Tensor, " strand"]) -> Float[Tensor, "strand unit"]:
+        """Frequency of each unit of strands, radians over t in [0, 1]."""
+        units = self.unit_frequency
+        if self.config.modulation == "amplitude":
+            # Fixed frequencies above those of the smooth functions.
+            units = units + math.pi * (torch.arange(len(units), device=units.device) // 2)
+        return frequency[:, None] + units
+
+    def times(self, points: int) -> Float[Tensor, " step"]:
+        """See `times`."""
+        return times(points, self.config.output, self.carrier_frequency)
+
+    def _weights(self, modulations: Modulations, points: int) -> tuple[Tensor, Tensor, Tensor]:
+        """The strands' weights of the smooth functions and of the units, metres per step, and of their turn."""
+        scale = (modulations.length * self.step_size(points))[:, None, None]
+        attenuation = self.attenuation(self.unit_frequencies(modulations.frequency), points)
+        return (
+            scale * modulations.smooth,
+            scale * modulations.unit_amplitude * attenuation[:, None],
+            torch.cat([modulations.frequency[:, None], modulations.warp], dim=1),
+        )
 
     def step_size(self, points: int) -> float:
         """Length of a step in t (1 if the output is positions)."""
@@ -138,6 +195,24 @@ class Synthesiser(nn.Module):
         return torch.sinc(frequency / (2 * math.pi * (points - 1)))
 
 
+def _offsets(
+    smooth: Float[Tensor, "strand 3 smooth"],
+    amplitude: Float[Tensor, "strand 3 unit"],
+    turn: Float[Tensor, "strand turn"],
+    waves: FixedWaves,
+) -> Float[Tensor, "strand 3 point"]:
+    """Offsets of points (or their positions) from the strands' weights (see `Synthesiser._weights`), metres."""
+    angle = turn @ waves.turn
+    cosines, sines = (amplitude @ waves.unit).chunk(2, dim=2)
+    offsets = smooth @ waves.smooth
+    return offsets.addcmul_(angle.sin()[:, None], cosines).addcmul_(angle.cos()[:, None], sines)
+
+
+def _from_root(steps: Float[Tensor, "*rows step"], output: Output) -> Float[Tensor, "*rows point"]:
+    """Begin with an offset of 0 at the root; positions have one already."""
+    return steps if output == "position" else torch.nn.functional.pad(steps, (1, 0))
+
+
 def times(points: int, output: Output, like: Tensor) -> Float[Tensor, " step"]:
     """Values of t at which the sines are sampled: the middle of each step (gradient) or each point (position)."""
     if output == "position":
@@ -145,8 +220,7 @@ def times(points: int, output: Output, like: Tensor) -> Float[Tensor, " step"]:
     return (torch.arange(points - 1, dtype=like.dtype, device=like.device) + 0.5) / (points - 1)
 
 
-def positions(steps: Float[Tensor, "strand 3 step"], output: Output) -> Float[Tensor, "strand point 3"]:
+def positions(offsets: Float[Tensor, "strand 3 point"], output: Output) -> Float[Tensor, "strand point 3"]:
     """Sum offsets from the root (forward Euler, p_k = sum of d_i), or translate positions so that the root is at 0."""
-    if output == "position":
-        return (steps - steps[..., :1]).transpose(1, 2)
-    return torch.nn.functional.pad(steps.cumsum(dim=-1), (1, 0)).transpose(1, 2)
+    points = offsets - offsets[..., :1] if output == "position" else offsets.cumsum(dim=-1)
+    return points.mT

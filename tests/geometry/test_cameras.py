@@ -47,6 +47,10 @@ def test_rays_pass_through_points(generator: torch.Generator):
 def test_planes_of_rays_are_the_rays_through_pixel_centres(generator: torch.Generator):
     camera = replace(posed(generator), width=7, height=5)
     torch.testing.assert_close(camera.ray_planes().permute(1, 2, 0), camera.rays(camera.pixel_centres()))
+    # Pixels of twice the side, of which the last ones reach beyond the picture.
+    centres = [[[1.0 + 2 * column, 1.0 + 2 * row] for column in range(4)] for row in range(3)]
+    coarse = camera.rays(torch.tensor(centres, dtype=torch.float64))
+    torch.testing.assert_close(camera.ray_planes(2).permute(1, 2, 0), coarse)
 
 
 def test_points_behind_have_negative_depth():
