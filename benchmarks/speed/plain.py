@@ -14,7 +14,7 @@ from neural_strands.raster.splat import splat_pyramid_reference
 
 @contextlib.contextmanager
 def plain_torch() -> Iterator[None]:
-    """Decode all strands at once; draw, splat and blend without kernels; filter activations in several passes.
+    """Decode sine by sine; draw, splat and blend without kernels; filter activations in several passes.
 
     Faces, visible parts, what lines leave open and the density keep their kernels.
     """

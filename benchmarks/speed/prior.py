@@ -3,8 +3,7 @@
     python benchmarks/speed/prior.py [--device cpu] [--threads 2] [--json]
 
 Prints the shortest of several runs (milliseconds), and the ratio of the cost of twice the strands or points. Then,
-beside it in turn, the naive twin that decodes all strands at once with dense matrices, whose sines do not fit into the
-processor's cache.
+beside it in turn, the naive twin that adds up the sines of all units one by one, for all strands at once.
 """
 
 import json
@@ -63,7 +62,7 @@ def measured(device: torch.device, strands: int, repeats: int) -> dict[str, floa
 
 
 def twins(device: torch.device, strands: int, repeats: int) -> list[Beside]:
-    """Decoding, in blocks that fit into the cache, beside decoding all at once; on CUDA both are the same."""
+    """Decoding beside its naive twin."""
     prior = load_prior(device=device)
     generator, bare = prior.generator, prior.without_modulator().generator
     latent = torch.randn(strands, 64, generator=torch.Generator().manual_seed(0)).to(device)
@@ -71,7 +70,7 @@ def twins(device: torch.device, strands: int, repeats: int) -> list[Beside]:
     def backward(decode: Callable[[torch.Tensor], torch.Tensor]) -> None:
         decode(latent.clone().requires_grad_(True)).sum().backward()
 
-    twin = "all strands at once"
+    twin = "all at once, sine by sine"
     with torch.no_grad():
         rows = [
             beside(name, lambda: decoder(latent), (twin, lambda: decoder.reference(latent)), device, repeats)  # noqa: B023
