@@ -82,7 +82,7 @@ class StrandGenerator(nn.Module):
         self.synthesiser = Synthesiser(inner)
 
     def forward(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
-        """Decode strands with `points` points each.
+        """Decode strands with `points` points each, coordinate by coordinate in memory.
 
         Raises:
             ValueError: the latents have another size, or `points` is less than two.

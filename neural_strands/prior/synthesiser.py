@@ -123,7 +123,7 @@ class Synthesiser(nn.Module):
         def decode(smooth: Tensor, amplitude: Tensor, turn: Tensor) -> Float[Tensor, "block point 3"]:
             return positions(_offsets(smooth, amplitude, turn, waves), self.config.output)
 
-        return in_blocks(decode, self._weights(modulations, points), points)
+        return in_blocks(decode, self._weights(modulations, points))
 
     def reference(self, modulations: Modulations, points: int) -> Float[Tensor, "strand {points} 3"]:
         """Add up the sines of all units as they are defined, for all strands at once; the naive twin of `forward`."""

@@ -69,7 +69,8 @@ class StrandPrior(nn.Module):
             InputError: a strand has fewer than two points, is not finite, has no length, or is too long or too short.
         """
         check_strands(points)
-        points = points - points[:, :1]
+        # Where points are not neighbours in memory, what follows takes twice as long.
+        points = (points - points[:, :1]).contiguous()
         if points.shape[1] != self.encoder.config.points:
             points = resample_strands(points, self.encoder.config.points)
         if len(points) == 0:
@@ -78,7 +79,7 @@ class StrandPrior(nn.Module):
 
     def decode(self, latent: Float[Tensor, "strand latent"], points: int = 100) -> Float[Tensor, "strand {points} 3"]:
         """Decode latents to strands with any number of points, in local metres."""
-        return self.generator(latent, points)
+        return self.generator(latent, points).contiguous()
 
 
 def check_strands(points: Float[Tensor, "strand point 3"]) -> None:
