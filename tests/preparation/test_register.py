@@ -178,6 +178,29 @@ def test_principal_points_are_found_of_lenses_that_enough_photographs_share():
     np.testing.assert_array_equal(rare.params, middle)
 
 
+def test_principal_points_stay_in_the_middle_where_photographs_do_not_tell_them():
+    import pycolmap
+
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, 20
+    middle = [1280.0, 512.0, 384.0, 0.05]
+    options.camera_params = middle
+    pycolmap.set_random_seed(0)
+    model = pycolmap.synthesize_dataset(options)
+    noise = pycolmap.SyntheticNoiseOptions()
+    noise.point2D_stddev = 0.5
+    pycolmap.synthesize_noise(noise, model)
+    (lens,) = model.cameras.values()
+    places = {image.name: image.projection_center() for image in model.images.values()}
+    said: list[str] = []
+    register_module._free_centres(pycolmap, model, said.append)
+    # What is left of the error is noise, which no lens explains: nothing has moved.
+    assert said == []
+    np.testing.assert_array_equal(lens.params, middle)
+    for image in model.images.values():
+        np.testing.assert_array_equal(image.projection_center(), places[image.name])
+
+
 @pytest.mark.slow(seconds=50)
 def test_phone_photographs_register(tmp_path: Path, shared_data: Path):
     images, matches, model = folders(tmp_path)

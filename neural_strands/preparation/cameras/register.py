@@ -4,6 +4,7 @@ Photographs of the same device, size and focal length share a lens. The principa
 adjustment: portraits are often cropped off centre, and with a fixed principal point the poses would be off by degrees.
 """
 
+import copy
 import itertools
 import math
 import os
@@ -33,6 +34,9 @@ SHARED_LENS = 10
 one distortion coefficient."""
 FREE_CENTRE = 15
 """Number of photographs with one lens from which its principal point is estimated as well."""
+CENTRE_GAIN = 0.01
+"""Share of the mean reprojection error that an estimated principal point must take away. Cameras on a circle about a
+head can turn together instead of moving it, which changes the error by a few thousandths and the poses by degrees."""
 CENTRE_RANGE = 0.15
 """Largest plausible distance of an estimated principal point from the middle, as a share of the longer side."""
 DEFAULT_FOCALS = (1.2, 2.4)
@@ -238,30 +242,20 @@ def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
 
 
 def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable[[str], None]) -> None:
-    """Estimate the principal points of lenses that enough photographs share; undone if one diverges.
+    """Estimate the principal points of lenses that enough photographs share, if these tell where they are.
 
-    Other lenses stay as they are: a single photograph of another size keeps none of the rest from it.
+    Undone if one diverges. Other lenses stay as they are: a single photograph of another size keeps none of the rest
+    from it.
     """
     count: dict[int, int] = defaultdict(int)
     for image in model.images.values():
         count[image.camera_id] += image.has_pose
-    if max(count.values()) < FREE_CENTRE:
+    fixed = [identity for identity, photographs in count.items() if photographs < FREE_CENTRE]
+    if len(fixed) == len(count) or not _centres_matter(pycolmap, model, fixed):
         return
     before = {identity: camera.params.copy() for identity, camera in model.cameras.items()}
     poses = {identity: image.cam_from_world() for identity, image in model.images.items() if image.has_pose}
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = True
-    options.ceres.solver_options.num_threads = ONE_THREAD
-    options.print_summary = False
-    # Not `pycolmap.bundle_adjustment`, which writes to the terminal.
-    config = pycolmap.BundleAdjustmentConfig()
-    for identity in model.reg_image_ids():
-        config.add_image(identity)
-    for identity, photographs in count.items():
-        if photographs < FREE_CENTRE:
-            config.set_constant_cam_intrinsics(identity)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    _adjust(pycolmap, model, fixed, centres=True)
     for camera in model.cameras.values():
         offset = np.array([camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2])
         if np.abs(offset).max() > CENTRE_RANGE * max(camera.width, camera.height):
@@ -273,6 +267,41 @@ def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable
                 if image.frame is not None:
                     image.frame.set_cam_from_world(image.camera_id, pose)
             return
+
+
+def _centres_matter(pycolmap: Any, model: "pycolmap.Reconstruction", fixed: Sequence[int]) -> bool:
+    """Whether free principal points fit the photographs better, by `CENTRE_GAIN`; the model stays as it is.
+
+    Asked of lenses without tangential distortion, which could stand in for a principal point off the middle.
+    """
+    trial = copy.deepcopy(model)
+    for identity, camera in trial.cameras.items():
+        if identity not in fixed and camera.model == pycolmap.CameraModelId.OPENCV:
+            focal, radial = camera.mean_focal_length(), camera.params[4:6]
+            camera.model = pycolmap.CameraModelId.RADIAL
+            camera.params = [focal, camera.width / 2, camera.height / 2, *radial]
+    errors = []
+    for centres in (False, True):
+        _adjust(pycolmap, trial, fixed, centres)
+        trial.update_point_3d_errors()
+        errors.append(trial.compute_mean_reprojection_error())
+    return errors[1] <= (1 - CENTRE_GAIN) * errors[0]
+
+
+def _adjust(pycolmap: Any, model: "pycolmap.Reconstruction", fixed: Sequence[int], centres: bool) -> None:
+    """Adjust all cameras and points but for the `fixed` lenses."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point = centres
+    options.ceres.solver_options.num_threads = ONE_THREAD
+    options.print_summary = False
+    # Not `pycolmap.bundle_adjustment`, which writes to the terminal.
+    config = pycolmap.BundleAdjustmentConfig()
+    for identity in model.reg_image_ids():
+        config.add_image(identity)
+    for identity in fixed:
+        config.set_constant_cam_intrinsics(identity)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
 
 
 def _points(model: "pycolmap.Reconstruction") -> SparsePoints:
