@@ -2,6 +2,7 @@
 
 Photographs of the same device, size and focal length share a lens. The principal point is estimated in a final bundle
 adjustment: portraits are often cropped off centre, and with a fixed principal point the poses would be off by degrees.
+They would be, too, with an estimated one where photographs do not tell it; it then stays in the middle.
 """
 
 import copy
