@@ -16,7 +16,7 @@ from neural_strands.geometry.strands import lengths, segments
 from neural_strands.prior.bounded_quantities import logit_between, raw_from_length
 from neural_strands.prior.generator import LARGEST_GAIN, Raw, StrandGenerator
 from neural_strands.prior.heading import heading_from_smooth
-from neural_strands.prior.synthesiser import Synthesiser, times
+from neural_strands.prior.synthesiser import Synthesiser
 
 DIRECTION_WEIGHT = 0.03
 """Weight of an error in dp/dt against one in position, both in strand lengths."""
@@ -47,7 +47,7 @@ class Analysis:
         self.layer, self.points = layer, points
         self.bounds = generator.frequency_bounds()
         self.modulated = layer.config.modulation == "all"
-        t = times(points, layer.config.output, layer.carrier_frequency)
+        t = layer.times(points)
         self.tau = t - 0.5
         self.metric = metric(layer, points)
         smooth = (layer.smooth_mix @ layer.carriers(t, points)) @ self.metric
@@ -191,7 +191,7 @@ def principal_functions(layer: Synthesiser, curves: Float[Tensor, "strand point 
     samples = rows(layer, steps.transpose(1, 2), count).flatten(0, 1)
     values, vectors = torch.linalg.eigh(samples.T @ samples / len(samples))
     functions = vectors.flip(1)[:, : config.smooth] * values.flip(0)[: config.smooth].clamp(min=0).sqrt()
-    t = times(count, config.output, layer.carrier_frequency)
+    t = layer.times(count)
     basis = rows(layer, layer.carriers(t, count).double(), count)
     normal = basis @ basis.T
     damped = normal + 1e-8 * normal.diagonal().mean() * torch.eye(len(normal), dtype=normal.dtype, device=normal.device)

@@ -155,7 +155,7 @@ class Synthesiser(nn.Module):
         return frequency[:, None] + units
 
     def times(self, points: int) -> Float[Tensor, " step"]:
-        """See `times`."""
+        """Values of t at which strands of so many points are sampled."""
         return times(points, self.config.output, self.carrier_frequency)
 
     def _weights(self, modulations: Modulations, points: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -5,6 +5,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -19,6 +20,9 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras import register as register_module
 from neural_strands.preparation.cameras.register import DATABASE, match_photographs, register
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, write_picture
+
+if TYPE_CHECKING:
+    import pycolmap
 
 pytest.importorskip("pycolmap")
 
@@ -156,45 +160,47 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path, capfd: pytest.CaptureFixtur
     assert capfd.readouterr().err == ""
 
 
-def test_principal_points_are_found_of_lenses_that_enough_photographs_share():
+def photographed(lenses: int, params: list[float]) -> "pycolmap.Reconstruction":
+    """A model of 20 photographs by each lens."""
     import pycolmap
 
     options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 2, 1, 20
-    true = [1280.0, 560.0, 350.0, 0.05]
-    options.camera_params = true
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = lenses, 1, 20
+    options.camera_params = params
     pycolmap.set_random_seed(0)
-    model = pycolmap.synthesize_dataset(options)
+    return pycolmap.synthesize_dataset(options)
+
+
+def test_principal_points_are_found_of_lenses_that_enough_photographs_share():
+    import pycolmap
+
+    true, middle = [1280.0, 560.0, 350.0, 0.05], [1280.0, 512.0, 384.0, 0.05]
+    model = photographed(2, true)
     common, rare = model.cameras.values()
     for image in [image for image in model.images.values() if image.camera_id == rare.camera_id][2:]:
         model.deregister_frame(image.frame_id)
-    middle = [1280.0, 512.0, 384.0, 0.05]
     common.params, rare.params = middle, middle
     said: list[str] = []
-    register_module._free_centres(pycolmap, model, said.append)
+    found = register_module._with_free_centres(pycolmap, model, said.append)
     assert said == []
     # Photographs that are free of error yield the lens, except for the two that know no better.
-    np.testing.assert_allclose(common.params[:3], true[:3], atol=15)
-    np.testing.assert_array_equal(rare.params, middle)
+    np.testing.assert_allclose(found.cameras[common.camera_id].params[:3], true[:3], atol=15)
+    np.testing.assert_array_equal(found.cameras[rare.camera_id].params, middle)
 
 
 def test_principal_points_stay_in_the_middle_where_photographs_do_not_tell_them():
     import pycolmap
 
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, 20
     middle = [1280.0, 512.0, 384.0, 0.05]
-    options.camera_params = middle
-    pycolmap.set_random_seed(0)
-    model = pycolmap.synthesize_dataset(options)
+    model = photographed(1, middle)
     noise = pycolmap.SyntheticNoiseOptions()
     noise.point2D_stddev = 0.5
     pycolmap.synthesize_noise(noise, model)
     (lens,) = model.cameras.values()
     places = {image.name: image.projection_center() for image in model.images.values()}
     said: list[str] = []
-    register_module._free_centres(pycolmap, model, said.append)
-    # What is left of the error is noise, which no lens explains: nothing has moved.
+    # What is left of the error is noise, which no lens explains: nothing moves.
+    assert register_module._with_free_centres(pycolmap, model, said.append) is model
     assert said == []
     np.testing.assert_array_equal(lens.params, middle)
     for image in model.images.values():

@@ -153,7 +153,7 @@ def register(
             f"{registered} that do; take more, each a small step (10 to 15 degrees) from the last, of a head and a "
             "background that do not move."
         )
-    _free_centres(pycolmap, best, say)
+    best = _with_free_centres(pycolmap, best, say)
     names = {image.name for image in best.images.values() if image.has_pose}
     missing = [photograph.source for photograph in photographs if photograph.name not in names]
     say(f"{registered} of {len(photographs)} photographs have cameras, {best.num_points3D()} points.")
@@ -242,32 +242,28 @@ def _lens_groups(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
     return list(groups.values())
 
 
-def _free_centres(pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable[[str], None]) -> None:
-    """Estimate the principal points of lenses that enough photographs share, if these tell where they are.
+def _with_free_centres(
+    pycolmap: Any, model: "pycolmap.Reconstruction", say: Callable[[str], None]
+) -> "pycolmap.Reconstruction":
+    """The model with principal points of lenses that enough photographs share, if these tell where they are.
 
-    Undone if one diverges. Other lenses stay as they are: a single photograph of another size keeps none of the rest
-    from it.
+    Other lenses stay as they are: a single photograph of another size keeps none of the rest from it. If a principal
+    point ends too far from the middle, the model is returned as it was.
     """
     count: dict[int, int] = defaultdict(int)
     for image in model.images.values():
         count[image.camera_id] += image.has_pose
     fixed = [identity for identity, photographs in count.items() if photographs < FREE_CENTRE]
     if len(fixed) == len(count) or not _centres_matter(pycolmap, model, fixed):
-        return
-    before = {identity: camera.params.copy() for identity, camera in model.cameras.items()}
-    poses = {identity: image.cam_from_world() for identity, image in model.images.items() if image.has_pose}
-    _adjust(pycolmap, model, fixed, centres=True)
-    for camera in model.cameras.values():
+        return model
+    freed = copy.deepcopy(model)
+    _adjust(pycolmap, freed, fixed, centres=True)
+    for camera in freed.cameras.values():
         offset = np.array([camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2])
         if np.abs(offset).max() > CENTRE_RANGE * max(camera.width, camera.height):
             say("The principal point could not be estimated from these photographs and stays in the middle.")
-            for identity, params in before.items():
-                model.cameras[identity].params = params
-            for identity, pose in poses.items():
-                image = model.images[identity]
-                if image.frame is not None:
-                    image.frame.set_cam_from_world(image.camera_id, pose)
-            return
+            return model
+    return freed
 
 
 def _centres_matter(pycolmap: Any, model: "pycolmap.Reconstruction", fixed: Sequence[int]) -> bool:
