@@ -21,6 +21,7 @@ from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
 from neural_strands.fitting.photographs.regions import inner_part
 from neural_strands.fitting.photographs.streak_loss import streak_loss
 from neural_strands.fitting.photographs.surround_weights import surround_weights
+from neural_strands.fitting.photographs.unreached import unreached_hair
 from neural_strands.fitting.schedule import (
     appearance_begins,
     appearance_blur_width,
@@ -267,10 +268,12 @@ def _image_part(
         output = model.render(strands, target.camera, blur, state.volume(), body_weight, photographed=True)
         height, width = trimap.alpha.shape
         inner = inner_part((height, width), config.margin).of
-        image, photograph = inner(output.rgb), inner(target.image)
+        unreached = unreached_hair(trimap.alpha, output.coverage)
+        photograph = torch.where(unreached[..., None], output.rgb.detach(), target.image)
+        image, photograph, certain = inner(output.rgb), inner(photograph), inner(trimap.supervised & ~unreached)
         parts = {
             "render": weights.render * rendering_loss(image, photograph),
-            "alpha": weights.alpha * alpha_loss(inner(output.alpha), inner(trimap.alpha), inner(trimap.supervised)),
+            "alpha": weights.alpha * alpha_loss(inner(output.alpha), inner(trimap.alpha), certain),
         }
         if perceptual is not None:
             # Without grain, the generator would have to imitate the photographs' noise.

@@ -1,0 +1,22 @@
+"""Hair of a photograph that no strand reaches, from which the image generator must not learn."""
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.fitting.photographs.surround_weights import BESIDE
+from neural_strands.model.compositing import near_hair
+
+
+def unreached_hair(
+    reference: Float[Tensor, "height width"], coverage: Float[Tensor, "height width"]
+) -> Bool[Tensor, "height width"]:
+    """Find pixels of hair that are too far from all strands for the image generator to add hair there.
+
+    A generator that learned from them would draw hair where there is none: beside all strands, in every view.
+
+    Args:
+        reference: opacity of the photograph's hair.
+        coverage: of each pixel by strands.
+    """
+    return (reference > BESIDE) & (near_hair(coverage.detach()) < 1)
