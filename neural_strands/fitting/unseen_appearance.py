@@ -2,8 +2,9 @@
 
 Texels of Z_a that never receive a gradient keep their initial values, which the trained networks turn into dark or
 coloured patches. So do those of hair at the edge of what views see: a few pixels that graze it, or that look into its
-shadow, do not tell how it looks from where it faces. Sampling the texture is linear, so its transpose, which autograd
-computes, takes the line pixels of all photographs back to the texels that they read.
+shadow, do not tell how it looks from where it faces, and where masks are a little too wide, pixels at their border show
+the background. Sampling the texture is linear, so its transpose, which autograd computes, takes the line pixels of all
+photographs back to the texels that they read.
 """
 
 from collections.abc import Sequence
@@ -24,6 +25,12 @@ from neural_strands.raster.visible import interpolate_knots, visible_points
 ENOUGH, ENOUGH_UNSEEN = 4.0, 256.0
 """Number of line pixels, over all photographs, that must read a texel for it to count as learned: where hair faces
 several views, and where it does not."""
+FACING = 0.35
+"""A view shows how hair looks only if the cosine between the direction out of the head and that to the camera exceeds
+this."""
+BORDER = 6
+"""Pixels from the border of the hair mask within which line pixels do not count where hair does not face several
+views."""
 
 
 def fill_unseen_appearance(
@@ -35,15 +42,16 @@ def fill_unseen_appearance(
         model: modified in place, only in texels that did not learn enough.
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
-        unseen: which parts of the strands, from root to tip, face too few views (see `flow.unseen.unseen_parts`).
+        unseen: which parts of the strands, from root to tip, face too few views (see `flow.unseen.unseen_parts`, with
+            `FACING`).
 
     Raises:
         ValueError: the strands have no `root_uv`.
     """
-    pixels = knot_pixels(model, strands, targets)
+    pixels, inner = knot_pixels(model, strands, targets).unbind(dim=2)
     parts = unseen.to(pixels)[:, None]
     share = functional.interpolate(parts, pixels.shape[1], mode="linear", align_corners=True)[:, 0]
-    trusted = pixels * ((1 - share) / ENOUGH + share / ENOUGH_UNSEEN)
+    trusted = (1 - share) * pixels / ENOUGH + share * inner / ENOUGH_UNSEEN
     height, width, _ = model.textures.appearance.shape
     with torch.enable_grad():
         places = strands.chart_positions()
@@ -58,14 +66,23 @@ def fill_unseen_appearance(
 
 
 @torch.enable_grad()
-def knot_pixels(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> Float[Tensor, "strand knot"]:
-    """Number of line pixels of the photographs that read each knot of each strand."""
-    total = strands.points.new_zeros(len(strands.points), model.textures.knots)
+def knot_pixels(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> Float[Tensor, "strand knot 2"]:
+    """Number of line pixels of the photographs that read each knot of each strand, and of those far from the border."""
+    total = strands.points.new_zeros(len(strands.points), model.textures.knots, 2)
     for target in targets:
         with torch.no_grad():
             lines = model.draw(strands, target.camera).lines
             visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
-        knots = torch.zeros_like(total)[..., None].requires_grad_()
-        between = interpolate_knots(knots, visible.strand, visible.t)[:, 0]
-        total += weighted_gradient(between, visible.weight, knots)[..., 0]
+            inner = visible.weight
+            if target.hair_mask is not None:
+                inner = inner * _far_inside(target.hair_mask).reshape(-1)[visible.pixel]
+        knots = torch.zeros_like(total).requires_grad_()
+        between = interpolate_knots(knots, visible.strand, visible.t)
+        total += weighted_gradient(between, torch.stack([visible.weight, inner], dim=1), knots)
     return total
+
+
+def _far_inside(mask: Float[Tensor, "height width"]) -> Bool[Tensor, "height width"]:
+    """Pixels of hair more than `BORDER` pixels, along rows and columns, from any without; the image's edge is none."""
+    bare = (mask <= 0.5).to(mask.dtype)[None, None]
+    return functional.max_pool2d(bare, 2 * BORDER + 1, stride=1, padding=BORDER)[0, 0] == 0

@@ -11,8 +11,8 @@ from torch.nn.functional import interpolate
 
 from neural_strands.fitting.first_colours import photographed_colours
 from neural_strands.fitting.fit_data import FitData
-from neural_strands.fitting.unseen_appearance import fill_unseen_appearance
-from neural_strands.flow.unseen import unseen_parts
+from neural_strands.fitting.unseen_appearance import FACING, fill_unseen_appearance
+from neural_strands.flow.unseen import UnseenConfig, unseen_parts
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -44,7 +44,8 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
     """
     strands = model.decode()
     parts = parts_unseen(strands, data.views.cameras, data.head.mesh)
-    fill_unseen_appearance(model, strands, data.views, parts)
+    grazed = parts_unseen(strands, data.views.cameras, data.head.mesh, UnseenConfig(facing=FACING))
+    fill_unseen_appearance(model, strands, data.views, grazed)
     width, color = strand_widths(model, strands), groom_colours(model, strands, data)
     unseen = parts.to(strands.points).mean(dim=1)
     coloured = replace(strands, width=width, color=color, unseen=unseen).to("cpu")
@@ -54,11 +55,13 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
     return coloured
 
 
-def parts_unseen(strands: Strands, cameras: Sequence[Camera], head: Mesh) -> Bool[Tensor, "strand part"]:
+def parts_unseen(
+    strands: Strands, cameras: Sequence[Camera], head: Mesh, config: UnseenConfig | None = None
+) -> Bool[Tensor, "strand part"]:
     """Which parts of the strands, from root to tip, too few of the fit's cameras could see."""
     index = MeshIndex(head)
     before = [HeadView.of(camera, index) for camera in cameras]
-    return unseen_parts(strands.points, before, SignedDistanceIndex(head))
+    return unseen_parts(strands.points, before, SignedDistanceIndex(head), config)
 
 
 @torch.no_grad()

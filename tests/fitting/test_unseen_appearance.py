@@ -12,6 +12,7 @@ from neural_strands.fitting.first_colours import scatter_to_texture
 from neural_strands.fitting.first_model import first_model
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.unseen_appearance import (
+    BORDER,
     ENOUGH,
     ENOUGH_UNSEEN,
     fill_unseen_appearance,
@@ -41,12 +42,31 @@ def test_pixels_of_knots_and_texels_are_the_line_pixels_of_all_photographs(scene
     pixels = knot_pixels(model, strands, data.views)
     lines = [model.draw(strands, camera).lines for camera in data.views.cameras]
     seen = sum(float((buffer.segment >= 0).sum()) for buffer in lines)
-    assert float(pixels.sum()) == pytest.approx(seen, rel=1e-4)
-    weights = texel_sums(model, strands, pixels)
+    everywhere, inside = pixels.unbind(dim=2)
+    assert float(everywhere.sum()) == pytest.approx(seen, rel=1e-4)
+    far = [far_inside(mask) for mask in (data.views.hair_mask(index) for index in range(len(data.views)))]
+    deep = sum(float(((b.segment >= 0) & f).sum()) for b, f in zip(lines, far, strict=True))
+    assert float(inside.sum()) == pytest.approx(deep, rel=1e-4)
+    assert 0 < deep < 0.5 * seen
+    weights = texel_sums(model, strands, everywhere)
     assert weights.shape == (32, 32, model.textures.knots)
     assert float(weights.sum()) == pytest.approx(seen, rel=1e-4)
     visible = visible_points(lines[0], strands.points, model.config.supersample)
     assert len(visible) > 100
+
+
+def far_inside(mask):
+    """Pixels whose square of neighbours up to BORDER away has nothing but hair, as far as it lies in the image."""
+    rows, columns = mask.shape
+    return torch.tensor(
+        [
+            [
+                bool((mask[max(y - BORDER, 0) : y + BORDER + 1, max(x - BORDER, 0) : x + BORDER + 1] > 0.5).all())
+                for x in range(columns)
+            ]
+            for y in range(rows)
+        ]
+    )
 
 
 def texel_sums(model, strands, values):
@@ -58,7 +78,7 @@ def learned(scene):
     """Line pixels of each texel; what was learned has values from 1 to 1.1, and what was not is far from it."""
     data, model = scene
     strands = model.decode()
-    pixels = texel_sums(model, strands, knot_pixels(model, strands, data.views))
+    pixels = texel_sums(model, strands, knot_pixels(model, strands, data.views)[..., 0])
     shown = (pixels >= ENOUGH)[..., None]
     values = torch.where(shown, 1.0 + 0.1 * torch.rand(*pixels.shape, 1), -7.0).expand(-1, -1, -1, 16)
     with torch.no_grad():

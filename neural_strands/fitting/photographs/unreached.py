@@ -1,6 +1,5 @@
 """Hair of a photograph that no strand reaches, from which the image generator must not learn."""
 
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
