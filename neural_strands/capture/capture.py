@@ -51,6 +51,7 @@ class Capture:
         cache: decoded images, shared by every subset of this capture.
         mask_growth: distance by which hair masks are grown when they are read, as a share of a view's longer side;
             negative to shrink them.
+        witnesses: number of views whose hair masks have to show that a place is empty.
 
     Examples:
         >>> import neural_strands as ns
@@ -63,6 +64,7 @@ class Capture:
     files: tuple[ViewFiles, ...]
     cache: ImageCache = field(repr=False, compare=False)
     mask_growth: float = 0.0
+    witnesses: int = 1
 
     @classmethod
     def load(cls, folder: Path | str, cache_bytes: int = CACHE_BYTES) -> "Capture":
@@ -141,6 +143,7 @@ class Capture:
             tuple(camera.to(device) for camera in self.cameras),
             tuple(view.hair_mask_path is not None for view in self.files),
             lambda index, part: readers[part](index, device),
+            self.witnesses,
         )
 
     @cached_property

@@ -84,7 +84,7 @@ def hair_roots(head: Head, count: int, views: Views, config: HullConfig, generat
 
     def hairy(some: Roots) -> Bool[Tensor, " root"]:
         points = (some.position + ABOVE_ROOT * some.normal).to(device)
-        return hairy_points(points, hair_masks(views, before), config).cpu()
+        return hairy_points(points, hair_masks(views, before), config, views.witnesses).cpu()
 
     kept = hairy(roots)
     share = float(kept.float().mean())

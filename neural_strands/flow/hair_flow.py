@@ -125,7 +125,7 @@ def hair_room(
     masked = any(views.has_hair_mask)
     if masked:
         masks = track(hair_masks(views, before), "carving the room of the hair", sum(views.has_hair_mask))
-        domain = hair_hull(grid, masks, head, config.hull, distance)
+        domain = hair_hull(grid, masks, head, config.hull, distance, views.witnesses)
     else:
         domain = covered_volume(grid, segments.points, head, config.hull, distance)
     return HairRoom(grid, domain, head_layer(grid, before, head, config.unseen), head, masked)

@@ -35,6 +35,7 @@ def hair_hull(
     head: Mesh,
     config: HullConfig | None = None,
     distance: SignedDistanceGrid | None = None,
+    witnesses: int = 1,
 ) -> Bool[Tensor, "x y z"]:
     """Carve the grid by the hair masks of all views; the head hides what is behind it.
 
@@ -44,11 +45,13 @@ def hair_hull(
         head: the head mesh; voxels inside it are not hair.
         config: tolerances.
         distance: sampled distance to the head, if the caller has it already; only saves time.
+        witnesses: number of views that have to show a voxel to be empty.
     """
     config = config or HullConfig()
     nodes = grid.nodes(head.vertices.device)
     silhouettes = _silhouettes(views, nodes.mean(dim=(0, 1, 2)), config)
-    possible = visual_hull(grid, silhouettes, torch.ones(grid.shape, dtype=torch.bool, device=nodes.device))
+    everywhere = torch.ones(grid.shape, dtype=torch.bool, device=nodes.device)
+    possible = visual_hull(grid, silhouettes, everywhere, witnesses)
     possible[possible.clone()] = _outside_head(nodes[possible], head, distance, config.head_depth)
     return possible
 
@@ -57,15 +60,17 @@ def hairy_points(
     points: Float[Tensor, "point 3"],
     views: Iterable[tuple[HeadView, Float[Tensor, "height width"]]],
     config: HullConfig | None = None,
+    witnesses: int = 1,
 ) -> Bool[Tensor, " point"]:
-    """Mark points that no view shows to be bare; the head hides what is behind it.
+    """Mark points that too few views show to be bare; the head hides what is behind it.
 
     Args:
         points: world metres, slightly above the head: on its surface, the head might hide them from every view.
         views: each view with its hair coverage in [0, 1], read one at a time.
         config: tolerances.
+        witnesses: number of views that have to show a point to be bare.
     """
-    return possible_points(points, _silhouettes(views, points.mean(dim=0), config or HullConfig()))
+    return possible_points(points, _silhouettes(views, points.mean(dim=0), config or HullConfig()), witnesses)
 
 
 def _silhouettes(

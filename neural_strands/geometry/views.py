@@ -57,11 +57,13 @@ class Views:
         cameras: cameras of all views, known without reading files.
         has_hair_mask: whether each view has a hair mask, known without reading files.
         read: reads a part of the view at an index; returns None if the view lacks it.
+        witnesses: number of views whose hair masks have to show that a place is empty.
     """
 
     cameras: tuple[Camera, ...]
     has_hair_mask: tuple[bool, ...]
     read: Callable[[int, Part], Tensor | None]
+    witnesses: int = 1
 
     @classmethod
     def in_memory(cls, views: Sequence[View]) -> "Views":
@@ -116,4 +118,4 @@ class Views:
             reduced = torch.from_numpy(small).to(found.device)
             return to_srgb(reduced) if part == "image" else reduced
 
-        return Views(cameras, self.has_hair_mask, read)
+        return Views(cameras, self.has_hair_mask, read, self.witnesses)

@@ -72,17 +72,25 @@ def head_distance(camera: Camera, rays: Float[Tensor, "pixel 3"], head: MeshInde
     return head.ray_distance(camera.position, rays)
 
 
-def possible_points(points: Float[Tensor, "point 3"], silhouettes: Iterable[Silhouette]) -> Bool[Tensor, " point"]:
-    """Mark points that may be hair: no view sees them in front of the head and outside its silhouette."""
-    kept = torch.ones(len(points), dtype=torch.uint8, device=points.device)
+def possible_points(
+    points: Float[Tensor, "point 3"], silhouettes: Iterable[Silhouette], witnesses: int = 1
+) -> Bool[Tensor, " point"]:
+    """Mark points that may be hair: too few views see them in front of the head and outside their silhouettes.
+
+    Args:
+        points: world metres.
+        silhouettes: the views' silhouettes, used one at a time.
+        witnesses: number of views, at most 255, that have to see a point to be empty.
+    """
+    needed = torch.full((len(points),), witnesses, dtype=torch.uint8, device=points.device)
     for silhouette in silhouettes:
-        inputs = [kernels.array(points, wp.vec3), *silhouette.kernel_inputs(), kernels.array(kept)]
+        inputs = [kernels.array(points, wp.vec3), *silhouette.kernel_inputs(), kernels.array(needed)]
         kernels.launch_split(carve_points, len(points), inputs, points.device)
-    return kept > 0
+    return needed > 0
 
 
 def visual_hull(
-    grid: VoxelGrid, silhouettes: Iterable[Silhouette], within: Bool[Tensor, "x y z"]
+    grid: VoxelGrid, silhouettes: Iterable[Silhouette], within: Bool[Tensor, "x y z"], witnesses: int = 1
 ) -> Bool[Tensor, "x y z"]:
     """The nodes of a grid that may be hair (see `possible_points`; Laurentini 1994, with an occluder).
 
@@ -90,12 +98,13 @@ def visual_hull(
         grid: the nodes to classify.
         silhouettes: the views' silhouettes, used one at a time.
         within: nodes that are considered; all others are excluded.
+        witnesses: number of views, at most 255, that have to see a node to be empty.
     """
-    kept = within.to(torch.uint8).contiguous()
+    needed = (witnesses * within.to(torch.uint8)).contiguous()
     for silhouette in silhouettes:
-        inputs = [*grid.kernel_inputs(), *silhouette.kernel_inputs(), kernels.array(kept.view(-1))]
-        kernels.launch_split(carve_nodes, grid.count, inputs, kept.device)
-    return kept > 0
+        inputs = [*grid.kernel_inputs(), *silhouette.kernel_inputs(), kernels.array(needed.view(-1))]
+        kernels.launch_split(carve_nodes, grid.count, inputs, needed.device)
+    return needed > 0
 
 
 def views_that_see(

@@ -92,6 +92,7 @@ class _Scene:
     hull: SmoothHull
     head: MeshIndex | None
     silhouettes: list[Silhouette]
+    witnesses: int
     footprint: float
     masked: bool
 
@@ -202,8 +203,8 @@ def _survey(views: Views, good: list[int], head: Mesh | None, config: LmvsConfig
     index = None if head is None else MeshIndex(head)
     silhouettes = [Silhouette(HeadView.of(views.cameras[i], index), cache.features(i).silhouette) for i in good]
     grid = region.grid(config.voxel * footprint)
-    hull = SmoothHull.of(grid, visual_hull(grid, silhouettes, region.holds(grid)))
-    return _Scene(region, hull, index, silhouettes, footprint, masked)
+    hull = SmoothHull.of(grid, visual_hull(grid, silhouettes, region.holds(grid), views.witnesses))
+    return _Scene(region, hull, index, silhouettes, views.witnesses, footprint, masked)
 
 
 def _neighbours(cameras: Sequence[Camera], good: list[int], i: int, region: Region, least: float) -> list[int]:
@@ -240,7 +241,7 @@ def _fuse(
     """Split a view's lines into those that other views confirm and guesses: the best unconfirmed line per cell."""
     lines = cache.lines(i)
     points = line_points(cameras[i], lines)
-    kept = possible_points(points, scene.silhouettes)
+    kept = possible_points(points, scene.silhouettes, scene.witnesses)
     points, directions = points[kept], lines.direction[kept]
     near = _neighbours(cameras, good, i, scene.region, 0.0)
     others = [(cameras[j], cache.lines(j)) for j in near]

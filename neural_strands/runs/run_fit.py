@@ -10,6 +10,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
+from neural_strands.capture.mask_agreement import with_witnesses
 from neural_strands.capture.mask_border import with_corrected_masks
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitConfig
@@ -167,6 +168,8 @@ def prepare_run(
     check_views(seen)
     if config.correct_masks:
         capture = with_corrected_masks(capture, seen, feedback.say)
+        seen = capture.subset(training_views(len(capture), config.hold_out_every))
+        capture = with_witnesses(capture, seen, head.mesh, feedback.say)
     given = None
     if request.segments is not None and not resuming:
         given = load_segments(request.segments)

@@ -63,6 +63,7 @@ class Lmvs:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
         from neural_strands.capture.head import read_head
+        from neural_strands.capture.mask_agreement import with_witnesses
         from neural_strands.capture.mask_border import with_corrected_masks
         from neural_strands.lmvs.files import SegmentsSource, save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
@@ -81,12 +82,12 @@ class Lmvs:
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         device = pick_device(self.device)
         capture = with_corrected_masks(capture, capture, say)
-        views = capture.views_on(device)
+        file = read_head(capture, self.head)
+        head, scalp = (None, None) if file is None else (file.mesh, file.scalp_faces)
+        views = with_witnesses(capture, capture, head, say).views_on(device)
         if self.size is not None:
             views = views.reduced(self.size)
         config = LmvsConfig(complete=self.complete)
-        file = read_head(capture, self.head)
-        head, scalp = (None, None) if file is None else (file.mesh, file.scalp_faces)
         there = None if head is None else head.to(device)
         segments = reconstruct(views, there, config, seeded(self.seed), self.out / "work", track).to("cpu")
         strokes = [lift_stroke(stroke, segments) for stroke in drawn]

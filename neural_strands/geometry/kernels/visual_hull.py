@@ -67,16 +67,16 @@ def carve_nodes(
     centre: wp.vec3,
     head: wp.array2d[float],
     hair: wp.array(dtype=wp.uint8, ndim=2),
-    kept: wp.array[wp.uint8],
+    witnesses: wp.array[wp.uint8],
 ) -> None:
-    """Drop the nodes of a grid that a view sees to be empty."""
+    """Count down the witnesses that the nodes of a grid still need, where a view sees them to be empty."""
     i = start + wp.tid()
-    if kept[i] == wp.uint8(0):
+    if witnesses[i] == wp.uint8(0):
         return
     row = i // shape[2]
     point = origin + wp.vec3(float(row // shape[1]), float(row % shape[1]), float(i % shape[2])) * spacing
     if seen_empty(point, projection, centre, head, hair):
-        kept[i] = wp.uint8(0)
+        witnesses[i] -= wp.uint8(1)
 
 
 @wp.kernel(enable_backward=False)
@@ -88,12 +88,12 @@ def carve_points(
     centre: wp.vec3,
     head: wp.array2d[float],
     hair: wp.array(dtype=wp.uint8, ndim=2),
-    kept: wp.array[wp.uint8],
+    witnesses: wp.array[wp.uint8],
 ) -> None:
-    """Drop the points that a view sees to be empty."""
+    """Count down the witnesses that points still need, where a view sees them to be empty."""
     i = start + wp.tid()
-    if kept[i] > wp.uint8(0) and seen_empty(points[i], projection, centre, head, hair):
-        kept[i] = wp.uint8(0)
+    if witnesses[i] > wp.uint8(0) and seen_empty(points[i], projection, centre, head, hair):
+        witnesses[i] -= wp.uint8(1)
 
 
 @wp.kernel(enable_backward=False)

@@ -1,0 +1,94 @@
+"""How well the hair masks of a capture agree, and how many views therefore have to show that a place is empty.
+
+Where the mask of one view misses hair, a hull that every view carves loses hair that all others show. The masks tell if
+that happens: exact ones leave room for hair along the ray of every pixel of hair. If too many rays have no room, two
+views have to show that a place is empty. Otherwise one is enough, because exact masks then carve a better hull.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from neural_strands.capture.capture import Capture
+from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.mesh import Mesh
+from neural_strands.geometry.mesh_queries import MeshIndex
+from neural_strands.geometry.views import Views
+from neural_strands.geometry.visual_hull import HeadView, Silhouette, head_distance, possible_points
+
+LONGEST_SIDE = 512
+"""Longer side of views as compared, pixels."""
+MOST_VIEWS = 16
+"""Largest number of views whose pixels are examined; the masks of all of them carve."""
+PIXELS = 300
+"""Number of pixels of hair that are examined in each of these views."""
+STEP, REACH = 0.003, 0.4
+"""Distance between the points of a ray, and from the middle of the head to the farthest of them, metres. Hair
+hardly hangs farther, and outside the pictures, where no mask carves, there is always room."""
+SOME, MOST = 0.2, 0.5
+"""Coverage up to which a pixel is empty, and above which it certainly shows hair."""
+DOUBTFUL = 0.01
+"""Share of hair without room above which masks count as contradictory: exact ones have 0, those that
+`prepare` computes 0.02 to 0.12."""
+
+
+def with_witnesses(capture: Capture, judged: Capture, head: Mesh | None, say: Callable[[str], None]) -> Capture:
+    """Require two views to show that a place is empty if the masks of a capture contradict each other.
+
+    Args:
+        capture: all views.
+        judged: the views whose masks may be used.
+        head: the head in the cameras' frame; without one, nothing is known.
+        say: called with a message if two views are required.
+
+    Raises:
+        InputError: a mask cannot be read.
+    """
+    share = 0.0 if head is None else share_without_room(judged.views_on(), head)
+    if share <= DOUBTFUL:
+        return capture
+    say(
+        f"hair masks contradict each other ({100 * share:.1f} % of the hair); two views must show that a place is empty"
+    )
+    return replace(capture, witnesses=2)
+
+
+def share_without_room(views: Views, head: Mesh) -> float:
+    """Share of the pixels of hair along whose rays the masks of all views leave no room for hair.
+
+    Args:
+        views: with hair masks; no photograph is read.
+        head: stops the rays, and hides what is behind it.
+    """
+    index, middle = MeshIndex(head), head.vertices.mean(dim=0)
+    masks = list(views.reduced(LONGEST_SIDE).hair_masks())
+    silhouettes = [Silhouette(HeadView.of(camera, index), _near(mask) >= SOME) for camera, mask in masks]
+    missed = examined = 0
+    for camera, mask in masks[:: -(-len(masks) // MOST_VIEWS) if masks else 1]:
+        hair = (mask > MOST).nonzero().flip(1)
+        rays = camera.rays(hair[:: max(1, len(hair) // PIXELS)].float() + 0.5)
+        points, counts = _along(camera, rays, middle, index)
+        room = possible_points(points.reshape(-1, 3), silhouettes).reshape(counts.shape) & counts
+        judged = counts.any(dim=1)
+        examined += int(judged.sum())
+        missed += int((judged & ~room.any(dim=1)).sum())
+    return missed / max(examined, 1)
+
+
+def _near(mask: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
+    """Largest coverage within a pixel, along rows and columns: cameras, too, are a little off."""
+    return torch.nn.functional.max_pool2d(mask[None, None], 3, stride=1, padding=1)[0, 0]
+
+
+def _along(
+    camera: Camera, rays: Float[Tensor, "ray 3"], middle: Float[Tensor, "3"], head: MeshIndex
+) -> tuple[Float[Tensor, "ray step 3"], Bool[Tensor, "ray step"]]:
+    """Points along rays, and which of them lie within `REACH` of the middle of the head and before the head."""
+    far = float((middle - camera.position).norm())
+    distance = torch.arange(max(far - REACH, STEP), far + REACH, STEP)
+    points = camera.position + distance[:, None] * rays[:, None]
+    near = (points - middle).norm(dim=2) < REACH
+    return points, near & (distance < head_distance(camera, rays, head)[:, None])
