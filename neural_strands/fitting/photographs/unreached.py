@@ -2,9 +2,13 @@
 
 from jaxtyping import Bool, Float
 from torch import Tensor
+from torch.nn import functional
 
 from neural_strands.fitting.photographs.surround_weights import BESIDE
-from neural_strands.model.compositing import near_hair
+from neural_strands.model.compositing import REACH
+
+COVERED = 0.01
+"""Coverage above which strands reach a pixel; with less, rounding would decide."""
 
 
 def unreached_hair(
@@ -18,4 +22,6 @@ def unreached_hair(
         reference: opacity of the photograph's hair.
         coverage: of each pixel by strands.
     """
-    return (reference > BESIDE) & (near_hair(coverage.detach()) < 1)
+    covered = (coverage.detach() > COVERED).to(coverage.dtype)
+    near = functional.max_pool2d(covered[None, None], 2 * REACH + 1, stride=1, padding=REACH)[0, 0] > 0
+    return (reference > BESIDE) & ~near

@@ -11,7 +11,7 @@ from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit, networks
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.photographs.surround_weights import BESIDE
-from neural_strands.fitting.photographs.unreached import unreached_hair
+from neural_strands.fitting.photographs.unreached import COVERED, unreached_hair
 from neural_strands.fitting.schedule import ScheduleConfig
 from neural_strands.geometry.views import Views
 from neural_strands.model.compositing import REACH
@@ -20,7 +20,7 @@ from neural_strands.prior.vae import load_prior
 
 def test_only_hair_far_from_all_strands_is_unreached():
     coverage, reference = torch.zeros(50, 40), torch.zeros(50, 40)
-    coverage[20, 5] = 0.01
+    coverage[20, 5], coverage[12, 25] = 2 * COVERED, 0.5 * COVERED
     reference[10:30, :30], reference[40:, :] = 1.0, BESIDE
     expected = torch.zeros(50, 40, dtype=torch.bool)
     expected[10:30, :30] = True
