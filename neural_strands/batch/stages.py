@@ -17,8 +17,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
 from neural_strands.capture.images import read_pixels
-from neural_strands.capture.mask_agreement import with_witnesses
-from neural_strands.capture.mask_border import with_corrected_masks
+from neural_strands.capture.mask_agreement import with_judged_masks
 from neural_strands.fitting.fit_data import check_views
 from neural_strands.fitting.stereo import find_segments, segments_source
 from neural_strands.foundation.files import write_json
@@ -111,8 +110,7 @@ def find_subject_segments(work: StageWork) -> dict[str, float]:
     check_views(seen)
     head = find_head(capture)
     if config.correct_masks:
-        seen = with_corrected_masks(seen, seen, work.feedback.say)
-        seen = with_witnesses(seen, seen, head.mesh, work.feedback.say)
+        seen = with_judged_masks(seen, range(len(seen)), head.mesh, work.feedback.say)
     stereo = work.folder / STEREO
     segments = find_segments(seen, head, config, stereo, work.feedback.track, work.device)
     save_segments(work.folder / SEGMENTS, segments, segments_source(seen, config))

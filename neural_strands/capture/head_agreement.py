@@ -12,6 +12,7 @@ from torch import Tensor
 
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.views import Views
+from neural_strands.raster.dilation import widen
 from neural_strands.raster.triangles import rasterise_triangles
 
 LONGEST_SIDE = 192
@@ -88,4 +89,4 @@ class _Share:
 
 def _near(mask: Float[Tensor, "height width"]) -> Bool[Tensor, "height width"]:
     """Pixels with some coverage in them or in a neighbour."""
-    return torch.nn.functional.max_pool2d(mask[None, None], 3, stride=1, padding=1)[0, 0] >= SOME
+    return widen(mask, 1) >= SOME

@@ -5,7 +5,7 @@ that happens: exact ones leave room for hair along the ray of every pixel of hai
 views have to show that a place is empty. Otherwise one is enough, because exact masks then carve a better hull.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import torch
@@ -13,11 +13,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.mask_border import with_corrected_masks
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.views import Views
 from neural_strands.geometry.visual_hull import HeadView, Silhouette, head_distance, possible_points
+from neural_strands.raster.dilation import widen
 
 LONGEST_SIDE = 512
 """Longer side of views as compared, pixels."""
@@ -26,33 +28,35 @@ MOST_VIEWS = 16
 PIXELS = 300
 """Number of pixels of hair that are examined in each of these views."""
 STEP, REACH = 0.003, 0.4
-"""Distance between the points of a ray, and from the middle of the head to the farthest of them, metres. Hair
-hardly hangs farther, and outside the pictures, where no mask carves, there is always room."""
+"""Distance between the points of a ray, and from the middle of the head to the farthest of them, metres. Hair hardly
+hangs farther, and outside the pictures, where no mask carves, there is always room."""
 SOME, MOST = 0.2, 0.5
 """Coverage up to which a pixel is empty, and above which it certainly shows hair."""
 DOUBTFUL = 0.01
-"""Share of hair without room above which masks count as contradictory: exact ones have 0, those that
-`prepare` computes 0.02 to 0.12."""
+"""Share of hair without room above which masks count as contradictory: exact ones have none, those
+that `prepare` computes 0.02 to 0.12."""
 
 
-def with_witnesses(capture: Capture, judged: Capture, head: Mesh | None, say: Callable[[str], None]) -> Capture:
-    """Require two views to show that a place is empty if the masks of a capture contradict each other.
+def with_judged_masks(
+    capture: Capture, judged: Sequence[int], head: Mesh | None, say: Callable[[str], None]
+) -> Capture:
+    """Correct where a capture's hair masks end, then require two views to carve if they contradict each other.
 
     Args:
         capture: all views.
-        judged: the views whose masks may be used.
-        head: the head in the cameras' frame; without one, nothing is known.
-        say: called with a message if two views are required.
+        judged: indices of the views that may be used to judge the masks.
+        head: the head in the cameras' frame; without one, nothing is known about contradictions.
+        say: called with a message for each fault.
 
     Raises:
-        InputError: a mask cannot be read.
+        InputError: a photograph or a mask cannot be read.
     """
-    share = 0.0 if head is None else share_without_room(judged.views_on(), head)
+    capture = with_corrected_masks(capture, capture.subset(judged), say)
+    share = 0.0 if head is None else share_without_room(capture.subset(judged).views_on(), head)
     if share <= DOUBTFUL:
         return capture
-    say(
-        f"hair masks contradict each other ({100 * share:.1f} % of the hair); two views must show that a place is empty"
-    )
+    part = f"{100 * share:.1f} % of the hair"
+    say(f"hair masks contradict each other ({part}); a place now counts as empty only if two views show it")
     return replace(capture, witnesses=2)
 
 
@@ -65,9 +69,10 @@ def share_without_room(views: Views, head: Mesh) -> float:
     """
     index, middle = MeshIndex(head), head.vertices.mean(dim=0)
     masks = list(views.reduced(LONGEST_SIDE).hair_masks())
-    silhouettes = [Silhouette(HeadView.of(camera, index), _near(mask) >= SOME) for camera, mask in masks]
+    # Widened by a pixel, because cameras, too, are a little off.
+    silhouettes = [Silhouette(HeadView.of(camera, index), widen(mask, 1) >= SOME) for camera, mask in masks]
     missed = examined = 0
-    for camera, mask in masks[:: -(-len(masks) // MOST_VIEWS) if masks else 1]:
+    for camera, mask in masks[:: max(1, -(-len(masks) // MOST_VIEWS))]:
         hair = (mask > MOST).nonzero().flip(1)
         rays = camera.rays(hair[:: max(1, len(hair) // PIXELS)].float() + 0.5)
         points, counts = _along(camera, rays, middle, index)
@@ -76,11 +81,6 @@ def share_without_room(views: Views, head: Mesh) -> float:
         examined += int(judged.sum())
         missed += int((judged & ~room.any(dim=1)).sum())
     return missed / max(examined, 1)
-
-
-def _near(mask: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
-    """Largest coverage within a pixel, along rows and columns: cameras, too, are a little off."""
-    return torch.nn.functional.max_pool2d(mask[None, None], 3, stride=1, padding=1)[0, 0]
 
 
 def _along(

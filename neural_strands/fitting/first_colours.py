@@ -26,6 +26,7 @@ from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.surround.background import wrapped
 from neural_strands.model.surround.hidden_skin import extend_over_mesh
+from neural_strands.raster.dilation import widen
 from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import blur_texture, sample_texture
 from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
@@ -168,7 +169,7 @@ def _background_share(model: HairModel, strands: Strands, target: View) -> Float
         share = torch.where(bare & (hair < BESIDE), 1 - hair, 0.0)
     else:
         share = surround.background
-    other = F.max_pool2d((share == 0).float()[None, None], 2 * APART + 1, stride=1, padding=APART)[0, 0]
+    other = widen((share == 0).float(), APART)
     return share * (1 - other)
 
 

@@ -20,6 +20,7 @@ from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
+from neural_strands.raster.dilation import widen
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
 ENOUGH, ENOUGH_UNSEEN = 4.0, 256.0
@@ -84,5 +85,4 @@ def knot_pixels(model: HairModel, strands: Strands, targets: Views | Sequence[Vi
 
 def _far_inside(mask: Float[Tensor, "height width"]) -> Bool[Tensor, "height width"]:
     """Pixels of hair more than `BORDER` pixels, along rows and columns, from any without; the image's edge is none."""
-    bare = (mask <= 0.5).to(mask.dtype)[None, None]
-    return functional.max_pool2d(bare, 2 * BORDER + 1, stride=1, padding=BORDER)[0, 0] == 0
+    return widen((mask <= 0.5).to(mask.dtype), BORDER) == 0

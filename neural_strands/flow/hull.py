@@ -15,6 +15,7 @@ from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.visual_hull import HeadView, Silhouette, possible_points, visual_hull
 from neural_strands.geometry.voxel_grid import VoxelGrid
+from neural_strands.raster.dilation import widen
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,3 @@ def _outside_head(
     if distance is not None:
         return distance.is_above(points, depth, head)
     return signed_distance(points, head).distance > -depth
-
-
-def widen(mask: Float[Tensor, "height width"], radius: int) -> Float[Tensor, "height width"]:
-    """Maximum of the mask over a square of `radius` pixels to each side."""
-    if radius < 1:
-        return mask
-    return torch.nn.functional.max_pool2d(mask[None, None], 2 * radius + 1, stride=1, padding=radius)[0, 0]

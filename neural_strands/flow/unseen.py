@@ -6,7 +6,7 @@ extended harmonically, by Laplace's equation on a coarse grid in the layer aroun
 head's surface, and increasingly gravity with the distance from seen hair.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -142,22 +142,24 @@ def unseen_points(
 
 def unseen_parts(
     points: Float[Tensor, "strand point 3"],
-    views: Iterable[HeadView],
+    views: Sequence[HeadView],
     head: SignedDistanceIndex,
-    config: UnseenConfig | None = None,
-) -> Bool[Tensor, "strand part"]:
+    configs: Sequence[UnseenConfig],
+) -> list[Bool[Tensor, "strand part"]]:
     """Mark which of every `SHARE_EVERY`-th point of strands, from the root on, too few views see.
 
     Args:
         points: strands, world metres.
-        views: cameras with the head before them, used one at a time.
+        views: cameras with the head before them.
         head: index of distances to the head.
-        config: what counts as seen.
+        configs: what counts as seen, once for each result.
     """
     some = points[:, ::SHARE_EVERY]
     flat = some.reshape(-1, 3)
     skin = head(flat)
-    return unseen_points(flat, skin.distance, skin.normal, views, config).reshape(some.shape[:2])
+    return [
+        unseen_points(flat, skin.distance, skin.normal, views, config).reshape(some.shape[:2]) for config in configs
+    ]
 
 
 def guess_unseen(

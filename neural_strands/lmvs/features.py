@@ -11,6 +11,7 @@ from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, luma, orientation_map
+from neural_strands.raster.dilation import widen
 from neural_strands.raster.gaussian_blur import gaussian_blur
 
 LEAST_COHERENCE = 0.12
@@ -81,7 +82,7 @@ def view_features(
         silhouette = torch.ones_like(hair)
     else:
         hair = mask > 0.3
-        silhouette = torch.nn.functional.max_pool2d(mask[None, None], 3, stride=1, padding=1)[0, 0] > 0.2
+        silhouette = widen(mask, 1) > 0.2
     # The doubled angle is smooth across 0 and pi, so the texture may be interpolated.
     texture = torch.stack(
         [

@@ -19,7 +19,7 @@ def inputs_digest(views: Views, head: Mesh | None, settings: Iterable[object]) -
         head: the head, if it is known.
         settings: everything else that affects results, distinguishable by its `repr`.
     """
-    digest = hashlib.sha256(repr([__version__, *settings]).encode())
+    digest = hashlib.sha256(repr([__version__, views.witnesses, *settings]).encode())
     for index, camera in enumerate(views.cameras):
         digest.update(repr((camera.name, camera.width, camera.height)).encode())
         arrays = [camera.intrinsics, camera.world_to_camera, views.image(index)]

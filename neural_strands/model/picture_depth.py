@@ -3,10 +3,10 @@
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn import functional
 
 from neural_strands.model.compositing import REACH
 from neural_strands.model.outputs import RenderOutput
+from neural_strands.raster.dilation import widen
 
 OPAQUE = 0.5
 """Opacity of hair from which a pixel counts as hair."""
@@ -42,5 +42,4 @@ def _nearest_in_pixel(depth: Float[Tensor, "fine_height fine_width"], factor: in
 
 def _nearest_around(depth: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
     """Least depth up to `REACH` pixels away, along rows and columns."""
-    columns = functional.max_pool2d(-depth[None, None], (2 * REACH + 1, 1), 1, (REACH, 0))
-    return -functional.max_pool2d(columns, (1, 2 * REACH + 1), 1, (0, REACH))[0, 0]
+    return -widen(-depth, REACH)

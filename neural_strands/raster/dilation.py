@@ -1,9 +1,9 @@
-"""Growing a mask by a disc."""
+"""Growing masks by a disc or a square."""
 
 import math
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
@@ -23,3 +23,12 @@ def dilate(mask: Bool[Tensor, "height width"], radius: int) -> Bool[Tensor, "hei
     inputs = [kernels.array(before), kernels.array(reach), radius, kernels.array(grown)]
     kernels.launch_split(grow_by_disc, mask.numel(), inputs, mask.device)
     return grown.bool()
+
+
+def widen(image: Float[Tensor, "height width"], radius: int) -> Float[Tensor, "height width"]:
+    """Largest value up to `radius` pixels away along rows and columns; nothing lies beyond the border."""
+    if radius < 1:
+        return image
+    # Columns, then rows: the same bits as the whole square, in a fraction of the time.
+    columns = functional.max_pool2d(image[None, None], (2 * radius + 1, 1), 1, (radius, 0))
+    return functional.max_pool2d(columns, (1, 2 * radius + 1), 1, (0, radius))[0, 0]

@@ -235,5 +235,6 @@ def _unseen_percent(run: RunContents, photographs: Views) -> float:
     """Percentage of strands of which the fit's photographs show less than half."""
     held_out = set(run.shown) if run.held_out else set()
     used = [camera for index, camera in enumerate(photographs.cameras) if index not in held_out]
-    share = parts_unseen(run.renderer.strands, used, run.head.mesh).float().mean(dim=1)
+    [parts] = parts_unseen(run.renderer.strands, used, run.head.mesh)
+    share = parts.float().mean(dim=1)
     return 100 * float((share > 0.5).float().mean())

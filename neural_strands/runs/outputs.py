@@ -43,8 +43,8 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
         InputError: the folder cannot be written.
     """
     strands = model.decode()
-    parts = parts_unseen(strands, data.views.cameras, data.head.mesh)
-    grazed = parts_unseen(strands, data.views.cameras, data.head.mesh, UnseenConfig(facing=FACING))
+    kinds = (UnseenConfig(), UnseenConfig(facing=FACING))
+    parts, grazed = parts_unseen(strands, data.views.cameras, data.head.mesh, kinds)
     fill_unseen_appearance(model, strands, data.views, grazed)
     width, color = strand_widths(model, strands), groom_colours(model, strands, data)
     unseen = parts.to(strands.points).mean(dim=1)
@@ -56,12 +56,12 @@ def write_outputs(folder: RunFolder, model: HairModel, data: FitData, notes: dic
 
 
 def parts_unseen(
-    strands: Strands, cameras: Sequence[Camera], head: Mesh, config: UnseenConfig | None = None
-) -> Bool[Tensor, "strand part"]:
-    """Which parts of the strands, from root to tip, too few of the fit's cameras could see."""
+    strands: Strands, cameras: Sequence[Camera], head: Mesh, configs: Sequence[UnseenConfig] = (UnseenConfig(),)
+) -> list[Bool[Tensor, "strand part"]]:
+    """Which parts of the strands, from root to tip, too few of the fit's cameras could see, by each definition."""
     index = MeshIndex(head)
     before = [HeadView.of(camera, index) for camera in cameras]
-    return unseen_parts(strands.points, before, SignedDistanceIndex(head), config)
+    return unseen_parts(strands.points, before, SignedDistanceIndex(head), configs)
 
 
 @torch.no_grad()

@@ -10,8 +10,7 @@ import torch
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import training_views
-from neural_strands.capture.mask_agreement import with_witnesses
-from neural_strands.capture.mask_border import with_corrected_masks
+from neural_strands.capture.mask_agreement import with_judged_masks
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
@@ -164,16 +163,14 @@ def prepare_run(
         raise _run_there(request.out)
     if workers.leads:
         check_folder_writable(request.out)
-    seen = capture.subset(training_views(len(capture), config.hold_out_every))
-    check_views(seen)
+    training = training_views(len(capture), config.hold_out_every)
+    check_views(capture.subset(training))
     if config.correct_masks:
-        capture = with_corrected_masks(capture, seen, feedback.say)
-        seen = capture.subset(training_views(len(capture), config.hold_out_every))
-        capture = with_witnesses(capture, seen, head.mesh, feedback.say)
+        capture = with_judged_masks(capture, training, head.mesh, feedback.say)
     given = None
     if request.segments is not None and not resuming:
         given = load_segments(request.segments)
-        check_inputs(seen, given, head)
+        check_inputs(capture.subset(training), given, head)
         source = load_segments_source(request.segments)
         if warning := check_source(request.segments, source, capture, config.hold_out_every):
             feedback.say(warning)

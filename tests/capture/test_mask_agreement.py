@@ -10,7 +10,7 @@ from tiny_capture import write_capture
 from neural_strands.capture import mask_agreement
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
-from neural_strands.capture.mask_agreement import DOUBTFUL, share_without_room, with_witnesses
+from neural_strands.capture.mask_agreement import DOUBTFUL, share_without_room, with_judged_masks
 from neural_strands.flow.hair_flow import hair_masks
 from neural_strands.flow.hull import hairy_points
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -47,17 +47,17 @@ def test_exact_masks_agree(scene):
     capture, said = Capture.load(folder), []
     head = find_head(capture).mesh
     assert share_without_room(capture.views_on(), head) < 0.2 * DOUBTFUL
-    assert with_witnesses(capture, capture, head, said.append) is capture
+    assert with_judged_masks(capture, range(16), head, said.append) is capture
     assert said == []
 
 
 def test_without_a_head_or_masks_nothing_is_known(scene, tmp_path):
     folder, _ = scene
     capture = spoiled(folder, tmp_path / "spoiled", 0, slice(0, 32))
-    assert with_witnesses(capture, capture, None, pytest.fail) is capture
+    assert with_judged_masks(capture, range(16), None, pytest.fail) is capture
     write_capture(tmp_path / "bare", with_masks=False)
     bare = Capture.load(tmp_path / "bare")
-    assert with_witnesses(bare, bare, find_head(bare).mesh, pytest.fail) is bare
+    assert with_judged_masks(bare, range(6), find_head(bare).mesh, pytest.fail) is bare
 
 
 def test_hair_that_one_mask_misses_is_kept_if_two_views_have_to_agree(scene, tmp_path):
@@ -65,7 +65,7 @@ def test_hair_that_one_mask_misses_is_kept_if_two_views_have_to_agree(scene, tmp
     capture, said = spoiled(folder, tmp_path / "spoiled", 0, slice(0, 24)), []
     head = find_head(capture).mesh
     assert share_without_room(capture.views_on(), head) > 2 * DOUBTFUL
-    judged = with_witnesses(capture, capture, head, said.append)
+    judged = with_judged_masks(capture, range(16), head, said.append)
     assert judged.witnesses == 2
     assert judged.subset([0, 1]).views_on().reduced(32).witnesses == 2
     assert len(said) == 1

@@ -2,7 +2,7 @@
 
 import torch
 
-from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull, widen
+from neural_strands.flow.hull import HullConfig, covered_volume, hair_hull
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
@@ -68,12 +68,3 @@ def test_volume_without_masks_lies_between_points_and_head():
     assert (centres[:, [0, 2]].abs() <= 0.021).all()
     assert (centres[:, 1] < 0.07).all()
     assert (centres[:, 1] > -0.011).all()
-
-
-def test_widen_takes_the_maximum_of_a_square():
-    mask = torch.zeros(7, 7)
-    mask[3, 3] = 1.0
-    assert widen(mask, 0) is mask
-    grown = widen(mask, 2)
-    assert grown.sum() == 25
-    assert grown[1:6, 1:6].all()

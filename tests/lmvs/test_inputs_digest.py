@@ -36,6 +36,7 @@ def test_the_same_inputs_have_one_digest_and_any_change_another():
         inputs_digest(Views.in_memory([view(camera=moved)]), HEAD, [OrientationConfig(), 1]),
         inputs_digest(Views.in_memory([view(), view()]), HEAD, [OrientationConfig(), 1]),
         inputs_digest(Views.in_memory([view()]), None, [OrientationConfig(), 1]),
+        inputs_digest(replace(Views.in_memory([view()]), witnesses=2), HEAD, [OrientationConfig(), 1]),
         inputs_digest(Views.in_memory([view()]), HEAD, [OrientationConfig(along=5.0), 1]),
         inputs_digest(Views.in_memory([view()]), HEAD, [OrientationConfig(), 2]),
     ]

@@ -1,9 +1,9 @@
-"""Dilation by a disc agrees with the distance to the mask."""
+"""Dilation by a disc agrees with the distance to the mask, widening with the maximum of every square."""
 
 import pytest
 import torch
 
-from neural_strands.raster.dilation import dilate
+from neural_strands.raster.dilation import dilate, widen
 
 
 def disc(radius, side=101):
@@ -33,3 +33,15 @@ def test_nothing_grows_from_nothing(device, size):
     mask = torch.zeros(size, dtype=torch.bool, device=device)
     assert not dilate(mask, 3).any()
     assert torch.equal(dilate(~mask, 0).cpu(), ~mask.cpu())
+
+
+@pytest.mark.parametrize("radius", [1, 2, 6])
+def test_widen_takes_the_maximum_of_a_square(generator, radius):
+    image = torch.randn(17, 23, generator=generator) - 5
+    assert widen(image, 0) is image
+    squares = [
+        image[max(y - radius, 0) : y + radius + 1, max(x - radius, 0) : x + radius + 1].max()
+        for y in range(17)
+        for x in range(23)
+    ]
+    assert torch.equal(widen(image, radius), torch.stack(squares).view(17, 23))

@@ -63,8 +63,7 @@ class Lmvs:
         """Reconstruct, orient, write."""
         from neural_strands.capture.capture import Capture
         from neural_strands.capture.head import read_head
-        from neural_strands.capture.mask_agreement import with_witnesses
-        from neural_strands.capture.mask_border import with_corrected_masks
+        from neural_strands.capture.mask_agreement import with_judged_masks
         from neural_strands.lmvs.files import SegmentsSource, save_segments
         from neural_strands.lmvs.growth import GrowthConfig, orient_segments
         from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
@@ -81,10 +80,10 @@ class Lmvs:
         # Read before the long stereo run, lifted to 3D after it.
         drawn = [] if self.strokes is None else read_strokes(self.strokes, capture.cameras)
         device = pick_device(self.device)
-        capture = with_corrected_masks(capture, capture, say)
         file = read_head(capture, self.head)
         head, scalp = (None, None) if file is None else (file.mesh, file.scalp_faces)
-        views = with_witnesses(capture, capture, head, say).views_on(device)
+        capture = with_judged_masks(capture, range(len(capture)), head, say)
+        views = capture.views_on(device)
         if self.size is not None:
             views = views.reduced(self.size)
         config = LmvsConfig(complete=self.complete)

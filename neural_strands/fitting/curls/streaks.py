@@ -16,6 +16,7 @@ from torch.nn import functional
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import segments
 from neural_strands.lmvs.orientation import OrientationConfig, OrientationMap, orientation_map
+from neural_strands.raster.dilation import widen
 from neural_strands.raster.gaussian_blur import gaussian_blur
 from neural_strands.raster.lines import rasterise_lines
 
@@ -122,9 +123,7 @@ def drawn_hair(
     owner = buffer.segment.clamp(min=0) // segments(strands).shape[1]
     brightness = (0.3 + 0.4 * torch.rand(len(strands), generator=random)).to(strands)[owner]
     depth = torch.where(hit, buffer.depth, 1e3)
-    # A window's columns, then its rows: the same bits in a quarter of the time.
-    columns = functional.max_pool2d(-depth[None, None], (NEARBY, 1), 1, (NEARBY // 2, 0))
-    foremost = -functional.max_pool2d(columns, (1, NEARBY), 1, (0, NEARBY // 2))[0, 0]
+    foremost = -widen(-depth, NEARBY // 2)
     shaded = torch.where(hit, brightness * torch.exp((foremost - depth) / WHITENING), 0.0)
     return functional.avg_pool2d(shaded[None, None], 2)[0, 0]
 

@@ -2,10 +2,10 @@
 
 from jaxtyping import Bool, Float
 from torch import Tensor
-from torch.nn import functional
 
 from neural_strands.fitting.photographs.surround_weights import BESIDE
 from neural_strands.model.compositing import REACH
+from neural_strands.raster.dilation import widen
 
 COVERED = 0.01
 """Coverage above which strands reach a pixel; with less, rounding would decide."""
@@ -22,6 +22,4 @@ def unreached_hair(
         reference: opacity of the photograph's hair.
         coverage: of each pixel by strands.
     """
-    covered = (coverage.detach() > COVERED).to(coverage.dtype)
-    near = functional.max_pool2d(covered[None, None], 2 * REACH + 1, stride=1, padding=REACH)[0, 0] > 0
-    return (reference > BESIDE) & ~near
+    return (reference > BESIDE) & (widen(coverage.detach(), REACH) <= COVERED)
