@@ -32,6 +32,7 @@ from neural_strands.preparation.cameras.calibration import (
     SparsePoints,
     calibrate,
 )
+from neural_strands.preparation.cameras.exposures import noticeable_exposures
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
@@ -72,7 +73,7 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 3, "template": 3, "head": 2, "masks": 3, "skull": 2}
+VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 2, "masks": 3, "skull": 2}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
@@ -90,6 +91,7 @@ class PrepareRequest:
         longest_side: largest side of a picture, pixels.
         frames: number of frames to take from a video.
         subject_turns: whether the person turns before a camera that stands still, instead of the camera moving.
+        keep_exposure: whether to leave the photographs' exposure and white balance as they are.
         head: how to find the head.
     """
 
@@ -101,6 +103,7 @@ class PrepareRequest:
     longest_side: int = 2048
     frames: int = 80
     subject_turns: bool = False
+    keep_exposure: bool = False
     head: HeadRequest = field(default_factory=HeadRequest)
 
 
@@ -227,7 +230,7 @@ class _Run:
     def cameras(self, photographs: Stage) -> tuple[Stage, dict[str, PosedLens]]:
         """Undistorted pictures with cameras, estimated or given, and their lenses."""
         listed = read_list(photographs.folder)
-        given = self.source.cameras
+        given, exposures = self.source.cameras, None
         if given is not None:
             lenses = read_upright_cameras(given, listed, self.source.files)
             poses = {name: [*lens.lens.intrinsics, *lens.world_to_camera.ravel()] for name, lens in lenses.items()}
@@ -251,11 +254,14 @@ class _Run:
             model = self._stage("model", {"matches": matches.digest}, work)
             found = by_name(read_colmap(photographs.folder, model.folder), model.folder)
             lenses = {shot.source: found[shot.name] for shot in listed if shot.name in found}
-            inputs = {"photographs": photographs.digest, "model": model.digest}
             points = SparsePoints.load(model.folder)
+            # If the person turns, the lights do not turn with them: colours change without the exposure.
+            kept = self.request.keep_exposure or self.request.subject_turns
+            exposures = None if kept else noticeable_exposures(model.folder)
+            inputs = {"photographs": photographs.digest, "model": model.digest, "equalised": exposures is not None}
 
         def undistort(out: Path) -> None:
-            calibrate(photographs.folder, listed, lenses, points, out, self.say)
+            calibrate(photographs.folder, listed, lenses, points, out, self.say, exposures)
 
         return self._stage("cameras", inputs, undistort), lenses
 

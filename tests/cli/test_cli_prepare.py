@@ -29,7 +29,7 @@ def test_every_option_arrives(asked: list[PrepareRequest]):
     words = (
         "prepare photos out --cameras model --masks given --segmenter draw --landmarks marks.json --template head.obj "
         "--scalp scalp.json --detector bin/python --face-model face.task --person-model person.tflite --scale 0.4 "
-        "--pupil-distance 62 --longest-side 512 --frames 9 --no-bend --subject-turns"
+        "--pupil-distance 62 --longest-side 512 --frames 9 --no-bend --subject-turns --keep-exposure"
     )
     assert main(words.split()) == 0
     head = HeadRequest(
@@ -49,6 +49,7 @@ def test_every_option_arrives(asked: list[PrepareRequest]):
         longest_side=512,
         frames=9,
         subject_turns=True,
+        keep_exposure=True,
         head=head,
     )
     assert asked == [expected]

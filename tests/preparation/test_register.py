@@ -1,6 +1,5 @@
 """Structure from motion on real photographs, and the message if there is nothing to find."""
 
-import math
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing
@@ -10,13 +9,11 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-import torch
 from full_disk import smallest_files
-from papered_room import room, wallpaper
+from papered_room import photographed_room
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras import register as register_module
 from neural_strands.preparation.cameras.register import DATABASE, match_photographs, register
 from neural_strands.preparation.photographs.folder import Photograph, import_photographs, write_picture
@@ -53,20 +50,6 @@ def test_outside_the_masks_of_a_person_who_turns_are_no_features(tmp_path: Path)
     assert len(places) == 3
     assert all(len(across) > 10 for across in places)
     assert min(across.min() for across in places) > 126
-
-
-def photographed_room(tmp_path: Path) -> tuple[Path, list[Photograph]]:
-    """Eight photographs of a room with patterned walls, whose names contain spaces."""
-    random = np.random.default_rng(0)
-    papers = [wallpaper(random) for _ in range(6)]
-    images, shots = tmp_path / "photographs", []
-    images.mkdir()
-    for k in range(8):
-        eye = torch.tensor([0.8 * math.sin(0.25 * k), 0.1 * math.sin(k), 0.8 * math.cos(0.25 * k)])
-        camera = Camera.look_at(eye, torch.zeros(3), 300.0, (256, 256), f"of a room {k}.png")
-        write_picture(images / camera.name, room(camera, papers).round().astype(np.uint8))
-        shots.append(Photograph(camera.name, f"of a room {k}.jpg", 256, 256, 300.0))
-    return images, shots
 
 
 def checked(steps: Iterable[str], title: str, total: int) -> Iterator[str]:

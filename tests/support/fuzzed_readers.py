@@ -46,6 +46,7 @@ from neural_strands.model.files import load_hair_model
 from neural_strands.model.networks import SHIPPED as SHIPPED_NETWORKS
 from neural_strands.model.networks import read_networks
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
+from neural_strands.preparation.cameras.exposures import EXPOSURES, noticeable_exposures, write_exposures
 from neural_strands.preparation.cameras.metashape import read_metashape
 from neural_strands.preparation.cameras.reality_capture import COLUMNS, read_reality_capture
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
@@ -173,13 +174,14 @@ def _write_pictures(folder: Path) -> None:
 
 
 def _write_preparation(folder: Path) -> None:
-    for name in ("photographs", "face", "head", "template"):
+    for name in ("photographs", "model", "face", "head", "template"):
         (folder / name).mkdir(parents=True)
     write_picture(folder / "photographs" / "000.png", np.full((24, 32, 3), 90, np.uint8))
     write_list(folder / "photographs", [Photograph(name, f"{name}.jpg", 32, 24, 30.0, "A camera") for name in NAMES])
     marks = np.full((478, 2), np.nan)
     marks[:40] = np.arange(80).reshape(40, 2) / 7
     write_faces(folder / "face", NAMES, [[marks], []])
+    write_exposures(folder / "model", NAMES, np.array([[0.0, 0.0, 0.0], [0.25, -0.5, 1.0]]))
     (folder / "marks.json").write_text(json.dumps({"000": {"1": [3.5, 4], "right_iris": [1, 2]}}))
     ball = read_head_file(folder.parent / "meshes" / "obj" / "head.obj", folder.parent / "meshes" / "obj" / "list.json")
     scalp = ball.scalp.faces
@@ -384,6 +386,7 @@ READERS = (
     FuzzedReader("stage photographs", "preparation/photographs/photographs.json", lambda path: read_list(path.parent)),
     FuzzedReader("stage picture", "preparation/photographs/000.png", read_picture),
     FuzzedReader("stage cameras", "capture/points.npz", lambda path: Calibration.load(path.parent), is_slow=True),
+    FuzzedReader("stage exposures", f"preparation/model/{EXPOSURES}", lambda path: noticeable_exposures(path.parent)),
     FuzzedReader("stage face", "preparation/face/faces.json", lambda path: read_faces(path.parent, NAMES)),
     FuzzedReader("stage template", "preparation/template/template.npz", lambda path: Template.load(path.parent)),
     FuzzedReader("stage head", "preparation/head/head.npz", _fitted),

@@ -1,9 +1,14 @@
 """A room with papered walls, floor and ceiling, as background of photographs whose cameras are to be found."""
 
+import math
+from pathlib import Path
+
 import cv2
 import numpy as np
+import torch
 
 from neural_strands.geometry.cameras import Camera
+from neural_strands.preparation.photographs.folder import Photograph, write_picture
 
 WALL = 1.8
 """Metres from the middle of the room to each wall."""
@@ -38,3 +43,17 @@ def room(camera: Camera, papers: list[np.ndarray]) -> np.ndarray:
         place = (across / (2 * WALL) + 0.5) * (len(papers[wall]) - 1)
         picture[here] = cv2.remap(papers[wall], place[..., 0], place[..., 1], cv2.INTER_LINEAR)[here]
     return picture
+
+
+def photographed_room(folder: Path) -> tuple[Path, list[Photograph]]:
+    """Eight photographs of a room with patterned walls, whose names contain spaces."""
+    random = np.random.default_rng(0)
+    papers = [wallpaper(random) for _ in range(6)]
+    images, shots = folder / "photographs", []
+    images.mkdir()
+    for k in range(8):
+        eye = torch.tensor([0.8 * math.sin(0.25 * k), 0.1 * math.sin(k), 0.8 * math.cos(0.25 * k)])
+        camera = Camera.look_at(eye, torch.zeros(3), 300.0, (256, 256), f"of a room {k}.png")
+        write_picture(images / camera.name, room(camera, papers).round().astype(np.uint8))
+        shots.append(Photograph(camera.name, f"of a room {k}.jpg", 256, 256, 300.0))
+    return images, shots

@@ -48,6 +48,8 @@ class Prepare(HeadOptions):
     """Frames to take from a video: the sharpest one of each of this many intervals."""
     subject_turns: bool = False
     """The person turned before a camera that stood still: the background is ignored when cameras are estimated."""
+    keep_exposure: bool = False
+    """Leave exposure and white balance of the photographs as they are, instead of making them alike."""
     json: bool = False
     """Print the figures as one JSON object."""
 
@@ -64,6 +66,7 @@ class Prepare(HeadOptions):
             self.longest_side,
             self.frames,
             self.subject_turns,
+            self.keep_exposure,
             self.head_request(self.scale, self.pupil_distance, self.person_model),
         )
         figures = prepare(request, say)

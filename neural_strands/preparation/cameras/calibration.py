@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
 
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.lens import Lens
@@ -18,6 +19,7 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera, rigid_inverse
+from neural_strands.preparation.cameras.exposures import equalised, largest_difference
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph, read_picture, write_picture
 from neural_strands.preparation.photographs.names import stem_of
 from neural_strands.preparation.stage import ADVICE
@@ -117,6 +119,7 @@ def calibrate(
     points: SparsePoints,
     out: Path,
     say: Callable[[str], None],
+    exposures: Mapping[str, Float[np.ndarray, "3"]] | None = None,
 ) -> None:
     """Undistort the photographs that have a camera, and write them with their pinhole cameras.
 
@@ -127,6 +130,7 @@ def calibrate(
         points: sparse points, in the cameras' frame.
         out: an existing folder.
         say: receives messages for the user.
+        exposures: stops by which each photograph, by name, is made darker; None leaves them as they are.
 
     Raises:
         InputError: too few photographs have a camera, or one has another shape than its camera.
@@ -142,11 +146,16 @@ def calibrate(
     if missing:
         more = f" and {len(missing) - 10} more" if len(missing) > 10 else ""
         say(f"No camera for {', '.join(missing[:10])}{more}: left out.")
+    if exposures is not None:
+        stops = largest_difference(exposures)
+        say(f"Exposure or white balance differs by up to {stops:.1f} stops between photographs: made alike.")
     (out / IMAGES).mkdir()
     cameras = []
     for photograph, camera in track(posed, "undistorting"):
-        lens = camera.lens
-        write_picture(out / IMAGES / photograph.name, lens.undistort(read_picture(images / photograph.name)))
+        lens, picture = camera.lens, read_picture(images / photograph.name)
+        if exposures is not None and photograph.name in exposures:
+            picture = equalised(picture, exposures[photograph.name])
+        write_picture(out / IMAGES / photograph.name, lens.undistort(picture))
         cameras.append(
             Camera(
                 torch.from_numpy(lens.undistorted_matrix()).float(),

@@ -24,6 +24,7 @@ from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.progress import track
 from neural_strands.foundation.worker import started_worker
 from neural_strands.preparation.cameras.calibration import SparsePoints
+from neural_strands.preparation.cameras.exposures import estimate_exposures, seen_colours, write_exposures
 from neural_strands.preparation.photographs.folder import FEWEST, Photograph
 from neural_strands.preparation.stage import ADVICE
 
@@ -126,7 +127,7 @@ def _detector_threads(group: Sequence[Photograph]) -> int:
 def register(
     images: Path, photographs: Sequence[Photograph], matches: Path, out: Path, say: Callable[[str], None]
 ) -> SparsePoints:
-    """Estimate the cameras of matched photographs; writes a COLMAP model into `out`.
+    """Estimate cameras and exposures of matched photographs; writes both into `out`, the cameras as a COLMAP model.
 
     Args:
         images: folder of the photographs.
@@ -136,7 +137,7 @@ def register(
         say: receives messages for the user.
 
     Raises:
-        InputError: too few photographs overlap.
+        InputError: too few photographs overlap, or one cannot be read.
     """
     pycolmap = _pycolmap()
     models = []
@@ -162,6 +163,8 @@ def register(
         say(f"Left out, for they do not overlap with the rest: {', '.join(missing[:10])}{more}.")
     with _reported_errors():
         best.write(out)
+    names, seen = seen_colours(images, best)
+    write_exposures(out, names, estimate_exposures(seen, len(names)))
     return _points(best)
 
 
