@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from papered_room import photographed_room
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.srgb import linear_samples, srgb_samples
+from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.preparation.cameras.calibration import calibrate
 from neural_strands.preparation.cameras.exposures import (
     FEWEST_POINTS,
@@ -62,7 +63,7 @@ def test_a_slow_drift_along_many_photographs_is_found():
     np.testing.assert_allclose(found, true, atol=0.1)
 
 
-def test_photographs_with_few_points_count_as_the_middle_one():
+def test_photographs_with_few_points_are_taken_to_be_the_median():
     random = np.random.default_rng(2)
     true = drawn(12, random)
     seen = walked(true, random, 0.0, 0.0)
@@ -75,12 +76,12 @@ def test_photographs_with_few_points_count_as_the_middle_one():
 
 
 def exposed(picture: np.ndarray, stops: np.ndarray) -> np.ndarray:
-    """What a camera would have stored with another exposure, by way of 16 bits of linear light."""
-    light = np.rint(linear_samples(picture) * 2.0**stops).clip(0, 65535).astype(np.uint16)
-    return srgb_samples(light, picture.dtype)
+    """What a camera would have stored with another exposure, without any table."""
+    light = to_linear(torch.from_numpy(picture / 255.0)) * torch.from_numpy(2.0**stops)
+    return (to_srgb(light).clamp(0, 1) * 255).round().byte().numpy()
 
 
-def test_equalised_photographs_show_what_the_middle_exposure_would_have():
+def test_equalised_photographs_have_the_median_exposure():
     picture = np.random.default_rng(3).integers(20, 150, (40, 50, 3), dtype=np.uint8)
     stops = np.array([0.7, -0.4, 0.1])
     back = equalised(exposed(picture, stops), stops)

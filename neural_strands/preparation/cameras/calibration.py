@@ -148,7 +148,7 @@ def calibrate(
         say(f"No camera for {', '.join(missing[:10])}{more}: left out.")
     if exposures is not None:
         stops = largest_difference(exposures)
-        say(f"Exposure or white balance differs by up to {stops:.1f} stops between photographs: made alike.")
+        say(f"Exposure or white balance differs by up to {stops:.1f} stops between photographs; they are made alike.")
     (out / IMAGES).mkdir()
     cameras = []
     for photograph, camera in track(posed, "undistorting"):

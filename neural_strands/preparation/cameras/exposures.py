@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import torch
 from jaxtyping import Float, Int, UInt8
 from scipy.sparse import csr_array
 
 from neural_strands.foundation.files import write_json
 from neural_strands.foundation.json_files import JsonValue, read_json
-from neural_strands.foundation.srgb import linear_samples, to_linear, to_srgb
+from neural_strands.foundation.srgb import linear_samples, srgb_samples
 from neural_strands.preparation.photographs.folder import read_picture
 from neural_strands.preparation.stage import ADVICE
 
@@ -30,13 +29,15 @@ WINDOW = 5
 """Side of the square over which a point's colour is averaged, pixels."""
 BURNT, DARKEST = 250, 0.003
 """Sample (of 255) from which a square counts as burnt out, and linear light below which it is too dark."""
+FULL = np.iinfo(np.uint16).max
+"""Sample of the brightest linear light."""
 ROUNDS = 20
 LEAST_DIFFERENCE = 0.02
 """Differences below this are weighted as if they were as large, stops; it is less than the noise of a photograph."""
 FEWEST_POINTS = 30
-"""Number of points from which a photograph's exposure is estimated; with fewer, it counts as that of the middle one."""
+"""Number of points from which a photograph's exposure is estimated; with fewer, it is taken to be the median."""
 NOTICEABLE = 0.1
-"""Largest difference between photographs, in stops, up to which they are left as they are."""
+"""Largest difference between photographs, in stops, at which they are still left as they are."""
 MOST_STOPS = 20.0
 """Largest plausible difference, in stops."""
 
@@ -85,7 +86,7 @@ def _colours_at(
     picture: UInt8[np.ndarray, "height width 3"], pixel: Int[np.ndarray, "mark 2"]
 ) -> tuple[Float[np.ndarray, "mark 3"], np.ndarray]:
     """Colours around pixels in stops, and whether they are neither burnt out nor too dark."""
-    light = cv2.blur(linear_samples(picture).astype(np.float32) / np.float32(65535), (WINDOW, WINDOW))
+    light = cv2.blur(linear_samples(picture).astype(np.float32) / np.float32(FULL), (WINDOW, WINDOW))
     brightest = cv2.dilate(picture.max(axis=-1), np.ones((WINDOW, WINDOW), np.uint8))
     height, width = picture.shape[:2]
     column, row = pixel[:, 0].clip(0, width - 1), pixel[:, 1].clip(0, height - 1)
@@ -105,7 +106,7 @@ def estimate_exposures(seen: SeenColours, photographs: int) -> Float[np.ndarray,
         photographs: their number.
 
     Returns:
-        Exposure of red, green and blue in stops, relative to the middle photograph (the median).
+        Exposure of red, green and blue in stops, relative to the median of the photographs.
     """
     channels = [_channel(seen, seen.stops[:, channel], photographs) for channel in range(3)]
     exposure = np.stack(channels, axis=1)
@@ -172,8 +173,7 @@ def largest_difference(exposures: Mapping[str, Float[np.ndarray, "3"]]) -> float
 
 
 def equalised(picture: UInt8[np.ndarray, "height width 3"], exposure: Float[np.ndarray, "3"]) -> np.ndarray:
-    """The photograph as the middle exposure would have shown it; what is burnt out stays without detail."""
-    encoded = torch.arange(256, dtype=torch.float64) / 255
-    light = to_linear(encoded)[:, None] * torch.from_numpy(2.0**-exposure)
-    table = (to_srgb(light).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+    """The photograph at the median exposure; what is burnt out stays without detail."""
+    light = linear_samples(np.arange(256, dtype=np.uint8))[:, None] * 2.0**-exposure
+    table = srgb_samples(np.rint(light).clip(0, FULL).astype(np.uint16), picture.dtype)
     return np.stack([table[picture[..., channel], channel] for channel in range(3)], axis=-1)
