@@ -3,8 +3,10 @@
 Texels of Z_a that never receive a gradient keep their initial values, which the trained networks turn into dark or
 coloured patches. So do those of hair at the edge of what views see: a few pixels that graze it, or that look into its
 shadow, do not tell how it looks from where it faces, and where masks are a little too wide, pixels at their border show
-the background. Sampling the texture is linear, so its transpose, which autograd computes, takes the line pixels of all
-photographs back to the texels that they read.
+the background. Seen from the photographs, though, they look right; only cameras elsewhere see its neighbours' look.
+
+Sampling the texture is linear, so its transpose, which autograd computes, takes the line pixels of all photographs back
+to the texels that they read.
 """
 
 from collections.abc import Sequence
@@ -39,8 +41,11 @@ def fill_unseen_appearance(
 ) -> None:
     """Give texels of Z_a that photographs show too little the values of their neighbours, at each knot.
 
+    Texels that no photograph shows get them for all cameras. Those of hair that views only graze keep their own for
+    cameras near the photographs, which they show as photographed.
+
     Args:
-        model: modified in place, only in texels that did not learn enough.
+        model: `textures.appearance` and `textures.elsewhere` are modified in place.
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
         unseen: which parts of the strands, from root to tip, face too few views (see `flow.unseen.unseen_parts`, with
@@ -52,18 +57,25 @@ def fill_unseen_appearance(
     pixels, inner = knot_pixels(model, strands, targets).unbind(dim=2)
     parts = unseen.to(pixels)[:, None]
     share = functional.interpolate(parts, pixels.shape[1], mode="linear", align_corners=True)[:, 0]
-    trusted = (1 - share) * pixels / ENOUGH + share * inner / ENOUGH_UNSEEN
-    height, width, _ = model.textures.appearance.shape
+    faced = (1 - share) * pixels / ENOUGH + share * inner / ENOUGH_UNSEEN
+    textures = model.textures
+    height, width, _ = textures.appearance.shape
     with torch.enable_grad():
         places = strands.chart_positions()
-        sums, _ = scatter_to_texture(torch.cat([trusted, pixels], dim=1), places, height, width)
+        sums, _ = scatter_to_texture(torch.cat([faced, pixels], dim=1), places, height, width)
     trust, count = sums.chunk(2, dim=2)
-    trust = torch.where(count >= ENOUGH, trust, 0.0)
-    knots = model.textures.appearance.detach().unflatten(2, (model.textures.knots, -1))
-    for knot in range(model.textures.knots):
-        if bool((trust[:, :, knot] > 0).any()):
-            own = knots[:, :, knot]
-            own.copy_(pull_push(own, trust[:, :, knot]))
+    learned = (count >= ENOUGH).to(trust)
+    own = textures.appearance.detach().unflatten(2, (textures.knots, -1))
+    own.copy_(_filled(own, learned))
+    textures.elsewhere.copy_((_filled(own, learned * trust) - own).flatten(2))
+
+
+def _filled(
+    values: Float[Tensor, "height width knot feature"], trust: Float[Tensor, "height width knot"]
+) -> Float[Tensor, "height width knot feature"]:
+    """Each knot's values, filled where they are not trusted; a knot that is trusted nowhere keeps its own."""
+    knots = zip(values.unbind(dim=2), trust.unbind(dim=2), strict=True)
+    return torch.stack([pull_push(own, sure) if bool((sure > 0).any()) else own for own, sure in knots], dim=2)
 
 
 @torch.enable_grad()

@@ -22,7 +22,7 @@ CONFIG_NAME = "config.json"
 MODEL_NAME = "model"
 """Name of the model's folder inside a run."""
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 10
+FORMAT = 11
 """Version of the folder's layout and of what the networks see."""
 ADVICE = "copy the folder again or fit anew"
 SHAPES = {
@@ -33,6 +33,7 @@ SHAPES = {
     "body.faces": "face 3",
     "textures.shape": "texel texel latent",
     "textures.appearance": "colour_texel colour_texel feature",
+    "textures.elsewhere": "colour_texel colour_texel feature",
 }
 """Tensors that are large or whose sizes depend on the capture; their shapes are checked before a model is built."""
 

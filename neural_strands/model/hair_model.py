@@ -35,7 +35,7 @@ from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import LightChange
 from neural_strands.model.outputs import Drawing, HairImage, RenderOutput
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
-from neural_strands.model.seen_directions import turn_to_seen
+from neural_strands.model.seen_directions import share_elsewhere, turn_to_seen
 from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.surround.background import Background
 from neural_strands.model.surround.body import Body, SurroundConfig
@@ -196,7 +196,7 @@ class HairModel(nn.Module):
                 repeatedly.
             body_weight: weight of the gradient that the body receives from each pixel; by default 1.
             light: how the light differs from that in which the appearance was fitted.
-            photographed: whether a photograph was taken from there, so that directions need not be rotated
+            photographed: whether a photograph was taken from there, so that neither directions nor appearance change
                 (see `seen_directions`).
             room: number of visible points for which there is room (`visible_points`); by default, for all.
 
@@ -240,10 +240,11 @@ class HairModel(nn.Module):
         """Render the hair alone from one view; the arguments and errors are those of `render`."""
         # Computed before the camera moves to the device, so that the host need not wait for it.
         turn = None if photographed else self.rotation_to_seen(camera)
+        elsewhere = 0.0 if photographed else self.share_elsewhere(camera)
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
         visible = visible_points(drawing.lines, strands.points, self.config.supersample, strands.t, room)
-        maps = self.splat_descriptors(strands, visible, camera, turn, blur, volume, light)
+        maps = self.splat_descriptors(strands, visible, camera, turn, blur, volume, light, elsewhere)
         rgb, alpha = self._hair(maps, camera, turn).split([3, 1], dim=2)
         coverage = (maps[0].coverage / self.config.supersample**2).clamp(max=1.0)
         return HairImage(rgb, alpha[..., 0], coverage, drawing, visible)
@@ -257,6 +258,7 @@ class HairModel(nn.Module):
         blur: float = 0.0,
         volume: HairVolume | None = None,
         light: LightChange | None = None,
+        elsewhere: float = 0.0,
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of visible points, one per level (paper, "Neural Hair Descriptor").
 
@@ -268,7 +270,7 @@ class HairModel(nn.Module):
         nodes = visible_nodes(visible, strands.points)
         world, direction = nodes.positions(strands.points), nodes.directions(strands.points)
         t = strands.parameters()[nodes.strand, nodes.vertex].to(direction)
-        appearance = self.textures.sample_appearance(strands.chart_positions(), blur)
+        appearance = self.textures.sample_appearance(strands.chart_positions(), blur, elsewhere)
         appearance = interpolate_knots(appearance, nodes.strand, t)
         view = functional.normalize(world - camera.position, dim=1)
         around = (volume or hair_volume(strands.points)).at(world)
@@ -347,6 +349,12 @@ class HairModel(nn.Module):
             return None
         turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
         return None if turn is None else turn.to(self.root_uv)
+
+    def share_elsewhere(self, camera: Camera) -> float:
+        """How far a camera is from all photographs, from 0 to 1 (see `seen_directions`)."""
+        if len(self.seen_from) == 0:
+            return 0.0
+        return share_elsewhere(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
 
 
 def _uncorrected(maps: list[SplatMap]) -> Float[Tensor, "height width 4"]:

@@ -29,7 +29,15 @@ class ScalpTextureConfig:
 
 
 class ScalpTextures(nn.Module):
-    """Z_g and Z_a; both start at zero, which decodes to the prior's mean strand and to one colour for all strands."""
+    """Z_g and Z_a; both start at zero, which decodes to the prior's mean strand and to one colour for all strands.
+
+    Attributes:
+        shape: Z_g.
+        appearance: Z_a, as photographs show it.
+        elsewhere: change of Z_a for cameras far from all photographs; zero until a fit ends.
+    """
+
+    elsewhere: Tensor
 
     def __init__(self, config: ScalpTextureConfig) -> None:
         super().__init__()
@@ -39,12 +47,24 @@ class ScalpTextures(nn.Module):
                 config.appearance_size, config.appearance_size, config.appearance_knots * config.appearance_channels
             )
         )
+        self.register_buffer("elsewhere", torch.zeros_like(self.appearance))
         self.knots = config.appearance_knots
 
     def sample_shape(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root latent"]:
         """Shape latents z_g at roots; `blur` (texels) spreads their gradient over neighbouring texels."""
         return sample_texture(self.shape, uv, blur)
 
-    def sample_appearance(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root knot feature"]:
-        """Appearance features z_a at roots; `blur` (texels) spreads their gradient over neighbouring texels."""
-        return sample_texture(self.appearance, uv, blur).unflatten(1, (self.knots, -1))
+    def sample_appearance(
+        self, uv: Float[Tensor, "root 2"], blur: float = 0.0, elsewhere: float = 0.0
+    ) -> Float[Tensor, "root knot feature"]:
+        """Appearance features z_a at roots.
+
+        Args:
+            uv: on the scalp chart.
+            blur: spreads the gradient over neighbouring texels, texels.
+            elsewhere: how far the camera is from all photographs, from 0 to 1.
+        """
+        found = sample_texture(self.appearance, uv, blur)
+        if elsewhere > 0:
+            found = found + elsewhere * sample_texture(self.elsewhere, uv)
+        return found.unflatten(1, (self.knots, -1))

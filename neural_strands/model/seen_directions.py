@@ -4,6 +4,9 @@ Shading and image generator have learned only the directions of the photographs;
 colours (black, purple, holes). A camera that looks from where no photograph was taken therefore sees the hair as if the
 head were turned towards the cameras that took some. Every direction that the networks see is rotated, first about the
 vertical, so that up stays up. Near the photographs nothing is rotated.
+
+Appearance learned from hair that photographs only graze is right for them and wrong from elsewhere, where the same hair
+faces the camera; between, the two textures of `ScalpTextures` are blended.
 """
 
 import math
@@ -18,7 +21,10 @@ from neural_strands.foundation.smoothstep import smoothstep
 LEAST_SLACK = math.radians(30)
 """Least value of the angle to the nearest photograph up to which nothing is rotated."""
 SPACINGS = 1.5
-"""The same angle, as a multiple of the widest gap between neighbouring photographs: networks interpolate within it."""
+"""The same angle, as a multiple of the widest gap between neighbouring photographs: networks interpolate within it. It
+is also the angle from which on a camera looks from elsewhere, and half of it where it begins to."""
+LEAST_GAP = math.radians(1)
+"""Narrower gaps between photographs count as this wide."""
 SHARPNESS = 3.0
 """How much more strongly nearer photographs attract, per unit of the cosine (a softmax's inverse temperature)."""
 LEVEL = 1e-3
@@ -44,7 +50,7 @@ def turn_to_seen(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> Fl
         return None
     unit = F.normalize(place, dim=0)
     cosine = seen @ unit
-    gap, slack = math.acos(min(1.0, float(cosine.max()))), _slack(seen)
+    gap, slack = _angle_to_nearest(unit, seen), _slack(seen)
     if gap <= slack:
         return None
     goal = F.normalize((torch.softmax(SHARPNESS * cosine, dim=0)[:, None] * seen).sum(dim=0), dim=0)
@@ -56,12 +62,34 @@ def turn_to_seen(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> Fl
     return _rotation(level, share * height) @ about
 
 
+def share_elsewhere(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> float:
+    """How much a camera looks from elsewhere than the photographs: 0 between them, 1 far from all.
+
+    Args:
+        place: position of the camera relative to the hair's centre; any length.
+        seen: unit directions to the cameras of the photographs; without any, nothing is elsewhere.
+    """
+    if len(seen) == 0 or float(place.norm()) == 0:
+        return 0.0
+    gap = _angle_to_nearest(F.normalize(place, dim=0), seen)
+    return smoothstep(2 * gap / (SPACINGS * _widest_gap(seen)) - 1)
+
+
+def _angle_to_nearest(unit: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> float:
+    return math.acos(min(1.0, float((seen @ unit).max())))
+
+
 def _slack(seen: Float[Tensor, "view 3"]) -> float:
-    """Angle up to which a direction counts as seen: `SPACINGS` times the widest gap between neighbours."""
+    """Angle up to which nothing is rotated."""
+    return max(LEAST_SLACK, SPACINGS * _widest_gap(seen))
+
+
+def _widest_gap(seen: Float[Tensor, "view 3"]) -> float:
+    """Largest angle between a photograph and its nearest neighbour; with a single one, that of the least slack."""
     if len(seen) < 2:
-        return LEAST_SLACK
+        return LEAST_SLACK / SPACINGS
     cosine = (seen @ seen.T).fill_diagonal_(-1.0)
-    return max(LEAST_SLACK, SPACINGS * math.acos(float(cosine.amax(dim=1).min().clamp(-1, 1))))
+    return max(LEAST_GAP, math.acos(float(cosine.amax(dim=1).min().clamp(-1, 1))))
 
 
 def _azimuth(goal: Float[Tensor, "3"], start: Float[Tensor, "3"]) -> float:

@@ -15,6 +15,7 @@ from neural_strands.model.hair_volume import hair_volume
 from neural_strands.model.light import LightChange
 from neural_strands.model.surround.body import SkinChange
 from neural_strands.raster.splat import splat_pyramid
+from neural_strands.raster.texture import sample_texture
 
 
 def along(values, visible, vertex):
@@ -26,7 +27,7 @@ def along(values, visible, vertex):
     )
 
 
-def each_by_itself(self, strands, visible, camera, turn=None, blur=0.0, volume=None, light=None):
+def each_by_itself(self, strands, visible, camera, turn=None, blur=0.0, volume=None, light=None, elsewhere=0.0):
     """`HairModel.splat_descriptors` as it is defined."""
     ahead = directions(strands.points)
     ends = ahead[visible.strand, visible.vertex], ahead[visible.strand, visible.vertex + 1]
@@ -36,7 +37,9 @@ def each_by_itself(self, strands, visible, camera, turn=None, blur=0.0, volume=N
     if turn is not None:
         direction, view = direction @ turn.T, view @ turn.T
         around = torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
-    appearance = along(self.textures.sample_appearance(strands.root_uv), visible, visible.t)
+    knots = self.textures.sample_appearance(strands.root_uv)
+    knots = knots + elsewhere * sample_texture(self.textures.elsewhere, strands.root_uv).unflatten(1, knots.shape[1:])
+    appearance = along(knots, visible, visible.t)
     fibre = torch.cat([direction, visible.t[:, None]], dim=1)
     linear = to_linear(self.shading(appearance, fibre, view, around))
     if light is not None:
@@ -52,7 +55,8 @@ def each_by_itself(self, strands, visible, camera, turn=None, blur=0.0, volume=N
 @torch.no_grad()
 def test_pictures_are_those_in_which_every_point_is_shaded(generator, monkeypatch, turned):
     hair = tiny_hair_model(points=100)
-    hair.textures.appearance.normal_(generator=generator)
+    for texture in (hair.textures.appearance, hair.textures.elsewhere):
+        texture.normal_(generator=generator)
     for weights in hair.shading.parameters():
         weights += 0.1 * torch.randn(weights.shape, generator=generator)
     if turned:

@@ -6,10 +6,11 @@ import pytest
 import torch
 from test_model_hair_model import model, stubble
 
+from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
-from neural_strands.model.seen_directions import seen_from, turn_to_seen
+from neural_strands.model.seen_directions import seen_from, share_elsewhere, turn_to_seen
 
 UP = torch.tensor([0.0, 1.0, 0.0])
 
@@ -67,6 +68,54 @@ def test_the_turn_begins_and_goes_on_gently():
         cosine = (torch.trace(turn @ before.T) - 1) / 2
         assert torch.rad2deg(torch.acos(cosine.clamp(-1, 1))) < 8
         before = turn
+
+
+def test_between_photographs_nothing_is_elsewhere():
+    ring = torch.stack([direction(azimuth) for azimuth in range(0, 360, 40)])
+    places = [direction(azimuth, height) for azimuth in range(0, 360, 5) for height in (-20, 0, 20)]
+    assert {share_elsewhere(0.7 * place, ring) for place in places} == {0.0}
+    assert share_elsewhere(direction(180), torch.zeros(0, 3)) == 0.0
+    assert share_elsewhere(torch.zeros(3), ring) == 0.0
+    assert share_elsewhere(direction(5), direction(5).repeat(3, 1)) == 0.0
+
+
+def test_a_camera_is_gradually_elsewhere():
+    # Photographs 15 degrees apart up to 90: from 11.25 degrees further on to 22.5.
+    beyond = torch.arange(0, 60, 0.5)
+    shares = [share_elsewhere(direction(90 + float(angle)), arc(90)) for angle in beyond]
+    expected = smoothstep((beyond - 11.25) / 11.25).tolist()
+    assert shares == pytest.approx(expected, abs=1e-3)
+    # A single photograph: from half of the angle on from which directions turn.
+    assert [share_elsewhere(direction(angle), arc(0)) for angle in (14, 30)] == pytest.approx([0.0, 1.0], abs=1e-3)
+    assert 0.4 < share_elsewhere(direction(22.5), arc(0)) < 0.6
+
+
+def test_appearance_changes_elsewhere_and_only_there(generator: torch.Generator):
+    hair = model()
+    randomise(hair, generator)
+    strands, middle = stubble(hair), hair.background.centre
+    front, back = (Camera.look_at(middle + 0.5 * direction(a), middle, 60.0, (32, 32)) for a in (0, 180))
+    hair.seen_from = arc(60)
+    before = [hair.render(strands, camera).hair_rgb for camera in (front, back)]
+    with torch.no_grad():
+        hair.textures.elsewhere.copy_(torch.randn(hair.textures.elsewhere.shape, generator=generator))
+        changed = hair.textures.appearance + hair.textures.elsewhere
+    near, far = (hair.render(strands, camera).hair_rgb for camera in (front, back))
+    assert torch.equal(near, before[0])
+    assert torch.equal(hair.render(strands, back, photographed=True).hair_rgb, untouched(hair, strands, back))
+    with torch.no_grad():
+        hair.textures.appearance.copy_(changed)
+        hair.textures.elsewhere.zero_()
+    torch.testing.assert_close(far, hair.render(strands, back).hair_rgb)
+    assert (far - before[1]).abs().max() > 0.1
+
+
+def untouched(hair: HairModel, strands: Strands, camera: Camera) -> torch.Tensor:
+    """The hair of a model that knows no photographs."""
+    seen, hair.seen_from = hair.seen_from, torch.zeros(0, 3)
+    found = hair.render(strands, camera).hair_rgb
+    hair.seen_from = seen
+    return found
 
 
 def test_directions_are_those_to_the_cameras():
