@@ -104,6 +104,12 @@ class Views:
             if mask is not None:
                 yield camera, mask
 
+    def selected(self, indices: Sequence[int]) -> "Views":
+        """Some of the views, in the order of their indices here."""
+        cameras = tuple(self.cameras[index] for index in indices)
+        masked = tuple(self.has_hair_mask[index] for index in indices)
+        return Views(cameras, masked, lambda index, part: self.read(indices[index], part), self.witnesses)
+
     def reduced(self, longest: int) -> "Views":
         """The views with at most `longest` pixels along their longer side; smaller ones stay as they are."""
         cameras = tuple(camera.reduced(longest) for camera in self.cameras)

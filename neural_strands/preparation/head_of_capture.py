@@ -18,6 +18,7 @@ from neural_strands.preparation.cameras.calibration import Calibration, SparsePo
 from neural_strands.preparation.cameras.stored import TURNS, stored_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_marks
+from neural_strands.preparation.head.agreed_shoulders import agreed_shoulders
 from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead, fit_head
@@ -50,6 +51,7 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
     """Fit a template to the faces in a capture's photographs.
 
     Person masks guide its deformation; hair masks delimit the scalp and show the hair to which the skull is raised.
+    Where both are known, neck and shoulders move to where the photographs agree.
 
     Args:
         capture: photographs and cameras.
@@ -73,7 +75,7 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
     scalp = _scalp(capture, fitted)
     if request.bend and any(file.hair_mask_path is not None for file in capture.files):
         views = replace(capture.views_on(), cameras=cameras_in_world(capture.cameras, fitted.frame))
-        fitted = raise_skull(fitted, views, say)
+        fitted = agreed_shoulders(raise_skull(fitted, views, say), views, say)
     back = fitted.frame.inverse()
     mesh = fitted.head.mesh
     vertices = back.apply(mesh.vertices.double()).to(mesh.vertices)

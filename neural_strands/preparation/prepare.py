@@ -9,7 +9,7 @@ face          faces in each picture, and masks of the person
 template      the template's landmarks
 head          scale, frame, and the head in them, fitted to landmarks and outlines
 masks         hair
-skull         the head, raised to the hair if it lies too low
+skull         the head, raised to the hair if it lies too low, with shoulders where photographs agree
 """
 
 import uuid
@@ -36,6 +36,7 @@ from neural_strands.preparation.cameras.exposures import noticeable_exposures
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
+from neural_strands.preparation.head.agreed_shoulders import agreed_shoulders
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead, fit_head
@@ -73,7 +74,7 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 2, "masks": 3, "skull": 2}
+VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 2, "masks": 3, "skull": 3}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
@@ -162,7 +163,7 @@ def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], No
         vote = read_votes(masks.folder, len(fitted.head.mesh.vertices))
     scalp = person_scalp(fitted.head, vote)
     if request.head.bend:
-        fitted = FittedHead.load(run.skull(calibration, head, masks, fitted, world, hair).folder)
+        fitted = FittedHead.load(run.skull(calibration, head, masks, fitted, world, outlines, hair).folder)
     pictures = calibration.pictures
     files = CaptureFiles(world, pictures, hair.present(), outlines.present(), edits, fitted.head, scalp)
     files.write(request.out)
@@ -384,12 +385,14 @@ class _Run:
         masks: Stage,
         fitted: FittedHead,
         cameras: Sequence[Camera],
+        outlines: ChosenMasks,
         hair: ChosenMasks,
     ) -> Stage:
-        """The head with its skull raised to the hair, as the masks show it: those of the stage, or the user's."""
+        """The head with skull and shoulders as pictures and masks show them: those of the stages, or the user's."""
         inputs = {"head": head.digest, "masks": masks.digest} | hair.inputs
 
         def work(out: Path) -> None:
-            raise_skull(fitted, masked_views(cameras, calibration.pictures, hair.present()), self.say).save(out)
+            views = masked_views(cameras, calibration.pictures, hair.present(), outlines.files)
+            agreed_shoulders(raise_skull(fitted, views, self.say), views, self.say).save(out)
 
         return self._stage("skull", inputs, work)

@@ -1,4 +1,4 @@
-"""Texels that photographs hardly show take the appearance of their neighbours, at least elsewhere; others keep theirs."""
+"""Texels that photographs hardly show take the appearance of their neighbours, at least elsewhere; others stay."""
 
 import math
 

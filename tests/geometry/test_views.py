@@ -1,5 +1,7 @@
 """Views: what is read and when, and that parts, reductions and selections match their cameras."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -74,3 +76,13 @@ def test_reduced_views_average_areas_and_keep_what_their_rays_meet(view, generat
     torch.testing.assert_close(2 * small.camera.project(points)[0], view.camera.project(points)[0], atol=1e-3, rtol=0)
     assert Views.in_memory([view]).reduced(100)[0].image is view.image
     assert Views.in_memory([View(view.camera, view.image)]).reduced(10)[0].hair_mask is None
+
+
+def test_selected_views_are_read_by_their_old_indices(view):
+    bare = View(replace(view.camera, name="bare"), 1 - view.image)
+    chosen = replace(Views.in_memory([view, bare, view]), witnesses=2).selected([1, 2])
+    assert [camera.name for camera in chosen.cameras] == ["bare", view.camera.name]
+    assert chosen.has_hair_mask == (False, view.hair_mask is not None)
+    assert torch.equal(chosen.image(0), 1 - view.image)
+    assert chosen[1].image is view.image
+    assert chosen.witnesses == 2

@@ -23,14 +23,18 @@ def test_views_show_what_was_written(tmp_path: Path):
         write_picture(tmp_path / "masks" / name, masks[-1])
         cameras.append(Camera.look_at(torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3), 20.0, (16, 12), name))
     files = [tmp_path / camera.name for camera in cameras]
-    views = masked_views(cameras, files, [tmp_path / "masks" / camera.name for camera in cameras])
+    hair = [tmp_path / "masks" / camera.name for camera in cameras]
+    views = masked_views(cameras, files, hair, [None, hair[0]])
     for index in (1, 0):
         view = views[index]
         assert view.camera is cameras[index]
-        assert view.person_mask is None
+        assert (view.person_mask is None) == (index == 0)
         assert view.hair_mask is not None
         np.testing.assert_array_equal((view.image.numpy() * 255).round(), pictures[index])
         np.testing.assert_array_equal((view.hair_mask.numpy() * 255).round(), masks[index])
+    person = views.person_mask(1)
+    assert person is not None
+    np.testing.assert_array_equal((person.numpy() * 255).round(), masks[0])
     files[0].unlink()
     assert views.hair_mask(0) is not None
     with pytest.raises(InputError, match="expected a picture of an earlier stage"):

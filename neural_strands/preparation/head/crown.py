@@ -58,7 +58,7 @@ def raise_skull(fitted: FittedHead, views: Views, say: Callable[[str], None]) ->
         The head with its landmarks, and `skull_raised_mm` among its figures.
     """
     every = -(-len(views) // MOST_VIEWS)
-    chosen = over_skull(_selected(views, range(0, len(views), every)).reduced(LONGEST_SIDE), fitted)
+    chosen = over_skull(views.selected(range(0, len(views), every)).reduced(LONGEST_SIDE), fitted)
     settings, random = LmvsConfig(complete="never"), torch.Generator().manual_seed(0)
     try:
         segments = reconstruct(chosen, fitted.head.mesh, settings, random, track=_shown)
@@ -125,13 +125,6 @@ def _with_lift(fitted: FittedHead, lift: SkullLift) -> FittedHead:
     share, _ = upwards(fitted, vertices)
     mean = float(lift.at(fitted, vertices[share > UPPER]).mean())
     return replace(lift.applied(fitted), figures={**fitted.figures, "skull_raised_mm": round(1000 * mean, 1)})
-
-
-def _selected(views: Views, indices: range) -> Views:
-    """Some of the views."""
-    cameras = tuple(views.cameras[index] for index in indices)
-    masked = tuple(views.has_hair_mask[index] for index in indices)
-    return Views(cameras, masked, lambda index, part: views.read(indices[index], part))
 
 
 def _shown(items: Iterable[int], text: str, total: int) -> Iterable[int]:

@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.mesh_queries import ClosestPoints, MeshIndex
 from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.head.laplacian import factorised, laplacian
 from neural_strands.preparation.head.template import Template
 
 BEND = 2.5e-4
@@ -67,7 +67,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
     anchors = _attached(rest, torch.from_numpy(source[known]).float())
     spread = np.nan_to_num(template.spread.double().numpy()[inside][known])
     variance = LANDMARK**2 + spread**2 + np.nan_to_num(evidence.landmark_error[inside][known]) ** 2
-    smooth = _laplacian(rest)
+    smooth = laplacian(rest)
     fixed = (smooth.T @ smooth) / BEND**2 + sparse.identity(count) / MOVE**2
     start = rest.vertices.double().numpy()
     moved = np.zeros_like(start)
@@ -99,14 +99,9 @@ def _solve(system: sparse.csc_matrix, right: np.ndarray, skin: sparse.csr_matrix
         gap: their values.
     """
     if len(gap) == 0:
-        return _factor(system).solve(right)
+        return factorised(system).solve(right)
     together = sparse.csc_matrix(sparse.block_diag([system] * 3) + skin.T @ skin)
-    return _factor(together).solve(right.T.ravel() + skin.T @ gap).reshape(3, -1).T
-
-
-def _factor(system: sparse.csc_matrix) -> SuperLU:
-    """The factors of a symmetric positive definite matrix, which needs no pivots."""
-    return splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return factorised(together).solve(right.T.ravel() + skin.T @ gap).reshape(3, -1).T
 
 
 def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
@@ -175,16 +170,3 @@ def _rows(closest: ClosestPoints, mesh: Mesh, count: int) -> sparse.csr_matrix:
     number = np.repeat(np.arange(len(corners)), 3)
     weights = closest.barycentric.double().numpy().ravel()
     return sparse.csr_matrix((weights, (number, corners.ravel())), (len(corners), count))
-
-
-def _laplacian(mesh: Mesh) -> sparse.csr_matrix:
-    """Mean of the neighbours minus the vertex itself; zero for a vertex without faces."""
-    faces = mesh.faces.numpy()
-    count = len(mesh.vertices)
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    ends = np.concatenate([ends, ends[:, ::-1]])
-    adjacent = sparse.csr_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
-    adjacent.data[:] = 1.0
-    degree = np.asarray(adjacent.sum(axis=1)).ravel()
-    scale = sparse.diags(1.0 / np.maximum(degree, 1.0))
-    return (scale @ adjacent - sparse.diags((degree > 0).astype(float))).tocsr()

@@ -75,11 +75,21 @@ def with_shoulders(
     return points + torch.einsum("c,cpk->pk", points.new_tensor(astuple(change)), movements(points, chin))
 
 
+def shoulder_share(points: Float[Tensor, "point 3"], chin: Float[Tensor, "3"]) -> Float[Tensor, " point"]:
+    """Share of a point that belongs to the shoulders: 0 above the plane, 1 from `BUST` below it on."""
+    return smoothstep(_depth(points - chin) / BUST)
+
+
+def _depth(places: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
+    """Depth of places, relative to the chin, below the plane."""
+    return -GAP - places[:, 1] - TILT * places[:, 2]
+
+
 def movements(points: Float[Tensor, "point 3"], chin: Float[Tensor, "3"]) -> Float[Tensor, "change point 3"]:
     """Movement of points per unit of each change in `Shoulders`, in this order."""
-    x, y, z = (points - chin).unbind(dim=1)
-    below = -GAP - y - TILT * z
-    neck, bust = smoothstep(below / NECK), smoothstep(below / BUST)
+    x, _, z = (points - chin).unbind(dim=1)
+    below, bust = _depth(points - chin), shoulder_share(points, chin)
+    neck = smoothstep(below / NECK)
     chest = smoothstep((below - COLLAR) / (CHEST - COLLAR))
     rise = neck * smoothstep((x.abs() - ROOT) / (TIP - ROOT)) * (1.0 - smoothstep((below - BUST) / (LOWER - BUST)))
     back, none = z + AXIS, torch.zeros_like(x)
