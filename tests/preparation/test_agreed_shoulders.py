@@ -51,7 +51,7 @@ def cloth(places: torch.Tensor) -> torch.Tensor:
     return 0.5 + 0.08 * waves.sum(dim=-1) / math.sqrt(2)
 
 
-def photographs(fitted: FittedHead, count: int = 9, plain: bool = False, hairy: bool = False) -> Views:
+def photographs(fitted: FittedHead, count: int = 7, plain: bool = False, hairy: bool = False) -> Views:
     """The clothed person from in front, lower than the face and higher in turn."""
     mesh, taken = person(fitted), []
     for number in range(count):
@@ -102,7 +102,7 @@ def test_shoulders_that_are_right_stay(fitted: FittedHead):
 
 @pytest.mark.parametrize("case", ["plain cloth", "covered by hair", "too few photographs", "no mask of the person"])
 def test_without_evidence_shoulders_stay(fitted: FittedHead, case: str):
-    count = FEWEST - 1 if case == "too few photographs" else 5
+    count = FEWEST - 1 if case == "too few photographs" else FEWEST
     views = photographs(fitted, count, plain=case == "plain cloth", hairy=case == "covered by hair")
     if case == "no mask of the person":
         views = Views.in_memory([replace(view, person_mask=None) for view in views])
@@ -114,5 +114,5 @@ def test_a_template_without_a_chin_stays(fitted: FittedHead):
     landmarks = fitted.landmarks.clone()
     landmarks[NAMED["chin"]] = math.nan
     unknown = replace(fitted, landmarks=landmarks)
-    moved = agreed_shoulders(unknown, photographs(fitted, 5), lambda _: None)
+    moved = agreed_shoulders(unknown, photographs(fitted, FEWEST), lambda _: None)
     assert torch.equal(moved.head.mesh.vertices, fitted.head.mesh.vertices)

@@ -132,8 +132,9 @@ def agreed_surface(
         return mesh, seen
     bend = laplacian(mesh)
     neighbours = bend + sparse.diags((bend.diagonal() < 0).astype(float))
-    stiff = np.where(share > LEAST_SHARE, 1.0 / (MOVE * share.clamp(min=LEAST_SHARE).double()) ** 2, 1e12)
-    smooth = (bend.T @ bend) / BEND**2 + sparse.diags(stiff)
+    # Vertices that are not free stay, so their equations are left out.
+    stiff = sparse.diags((MOVE * share[free].double().numpy()) ** -2)
+    smooth = (bend.T @ bend)[free.numpy()][:, free.numpy()] / BEND**2 + stiff
     for reach in REACHES:
         heights, normals = torch.linspace(-reach, reach, HEIGHTS), vertex_normals(mesh)
         alike, count = _correlations(mesh, normals, free, heights, shots)
@@ -144,9 +145,11 @@ def agreed_surface(
         mixed = spread.numpy()
         for _ in range(MIXED):
             mixed = 0.5 * (mixed + neighbours @ mixed)
+        mixed = mixed[free.numpy()]
         height, weight = _best(torch.from_numpy(mixed[:, :-1] / np.maximum(mixed[:, -1:], 1e-6)), heights)
-        moved = _smooth_heights(smooth, height.numpy(), (weight * seen).numpy() / ERROR**2)
-        mesh = replace(mesh, vertices=mesh.vertices + torch.from_numpy(moved).float()[:, None] * normals)
+        moved = _smooth_heights(smooth, height.numpy(), (weight * shown).numpy() / ERROR**2)
+        along = torch.zeros(len(seen)).index_copy(0, free, torch.from_numpy(moved).float())
+        mesh = replace(mesh, vertices=mesh.vertices + along[:, None] * normals)
     return mesh, seen
 
 
