@@ -96,7 +96,7 @@ def agreed_shoulders(fitted: FittedHead, views: Views, say: Callable[[str], None
     chosen = views.selected(range(0, len(views), every)).reduced(LONGEST_SIDE)
     shots = [shot for shot in map(_shot, chosen) if shot is not None]
     mesh, chin = fitted.head.mesh, fitted.landmarks[NAMED["chin"]]
-    moved, seen = agreed_surface(mesh, shoulder_share(mesh.vertices, chin).nan_to_num(), shots)
+    moved, seen = _agreed_surface(mesh, shoulder_share(mesh.vertices, chin).nan_to_num(), shots)
     distance = 1000 * (moved.vertices - mesh.vertices).norm(dim=1)[seen]
     median = float(distance.median()) if len(distance) else 0.0
     if len(distance):
@@ -113,7 +113,7 @@ def _shot(view: View) -> _Shot | None:
     return _Shot(view.camera, torch.stack([luma(view.image), person.float(), 1.0 - near], dim=2))
 
 
-def agreed_surface(
+def _agreed_surface(
     mesh: Mesh, share: Float[Tensor, " vertex"], shots: Sequence[_Shot]
 ) -> tuple[Mesh, Bool[Tensor, " vertex"]]:
     """Move vertices along their normals to where photographs agree.
