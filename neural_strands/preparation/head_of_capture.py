@@ -18,11 +18,10 @@ from neural_strands.preparation.cameras.calibration import Calibration, SparsePo
 from neural_strands.preparation.cameras.stored import TURNS, stored_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.face.files import read_marks
-from neural_strands.preparation.head.agreed_shoulders import agreed_shoulders
 from neural_strands.preparation.head.builtin import builtin_template
-from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.refine import refine
 from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.masks.hair import vote_on
@@ -51,7 +50,7 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
     """Fit a template to the faces in a capture's photographs.
 
     Person masks guide its deformation; hair masks delimit the scalp and show the hair to which the skull is raised.
-    Where both are known, neck and shoulders move to where the photographs agree.
+    Where both are known, bare skin moves to the outlines, and neck and shoulders to where the photographs agree.
 
     Args:
         capture: photographs and cameras.
@@ -71,11 +70,12 @@ def head_of_capture(capture: Capture, request: HeadRequest, say: Callable[[str],
             faces = _detected_faces(capture, calibration, request.detector, folder)
             say(f"Faces in {sum(bool(found) for found in faces)} of {len(faces)} photographs.")
         outlines = _person_masks(capture, folder) if request.bend else None
-        fitted = fit_head(calibration, faces, _template(request, folder), request.size, outlines, say)
+        template = _template(request, folder)
+        fitted = fit_head(calibration, faces, template, request.size, outlines, say)
     scalp = _scalp(capture, fitted)
     if request.bend and any(file.hair_mask_path is not None for file in capture.files):
         views = replace(capture.views_on(), cameras=cameras_in_world(capture.cameras, fitted.frame))
-        fitted = agreed_shoulders(raise_skull(fitted, views, say), views, say)
+        fitted = refine(fitted, template, views, say)
     back = fitted.frame.inverse()
     mesh = fitted.head.mesh
     vertices = back.apply(mesh.vertices.double()).to(mesh.vertices)

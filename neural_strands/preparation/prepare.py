@@ -36,11 +36,10 @@ from neural_strands.preparation.cameras.exposures import noticeable_exposures
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
-from neural_strands.preparation.head.agreed_shoulders import agreed_shoulders
 from neural_strands.preparation.head.builtin import STORED, builtin_template
-from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
+from neural_strands.preparation.head.refine import refine
 from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.mask_edits import ChosenMasks, MaskEdits
@@ -74,7 +73,7 @@ STAGES = "preparation"
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 2, "masks": 3, "skull": 3}
+VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 3, "masks": 3, "skull": 4}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
@@ -393,6 +392,6 @@ class _Run:
 
         def work(out: Path) -> None:
             views = masked_views(cameras, calibration.pictures, hair.present(), outlines.files)
-            agreed_shoulders(raise_skull(fitted, views, self.say), views, self.say).save(out)
+            refine(fitted, Template.load(self.root / "template"), views, self.say).save(out)
 
         return self._stage("skull", inputs, work)

@@ -32,8 +32,6 @@ from neural_strands.preparation.head.shoulders import shoulder_share
 from neural_strands.raster.dilation import widen
 from neural_strands.raster.texture import sample_picture
 
-LONGEST_SIDE, MOST_VIEWS = 640, 40
-"""Size, pixels, and number of the photographs that are compared."""
 REACHES = (0.016, 0.010, 0.006, 0.004)
 """Largest height of each round, metres, above and below the present surface."""
 HEIGHTS = 17
@@ -70,7 +68,7 @@ LEAST_SHARE = 0.02
 
 @dataclass(frozen=True)
 class _Shot:
-    """A reduced photograph.
+    """A photograph.
 
     Attributes:
         camera: its camera.
@@ -92,9 +90,7 @@ def agreed_shoulders(fitted: FittedHead, views: Views, say: Callable[[str], None
     Returns:
         The head, and `shoulders_moved_mm` among its figures: the median over the vertices that photographs show.
     """
-    every = -(-len(views) // MOST_VIEWS)
-    chosen = views.selected(range(0, len(views), every)).reduced(LONGEST_SIDE)
-    shots = [shot for shot in map(_shot, chosen) if shot is not None]
+    shots = [shot for shot in map(_shot, views) if shot is not None]
     mesh, chin = fitted.head.mesh, fitted.landmarks[NAMED["chin"]]
     moved, seen = _agreed_surface(mesh, shoulder_share(mesh.vertices, chin).nan_to_num(), shots)
     distance = 1000 * (moved.vertices - mesh.vertices).norm(dim=1)[seen]

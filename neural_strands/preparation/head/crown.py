@@ -42,8 +42,7 @@ FEWEST = 1000
 SURE = 0.3
 """Least confidence of a point."""
 LONGEST_SIDE = 320
-MOST_VIEWS = 40
-"""Size, pixels, and number of the photographs that stereo uses; it only has to find the lowest hair."""
+"""Size of the photographs that stereo uses, pixels; it only has to find the lowest hair."""
 
 
 def raise_skull(fitted: FittedHead, views: Views, say: Callable[[str], None]) -> FittedHead:
@@ -57,8 +56,7 @@ def raise_skull(fitted: FittedHead, views: Views, say: Callable[[str], None]) ->
     Returns:
         The head with its landmarks, and `skull_raised_mm` among its figures.
     """
-    every = -(-len(views) // MOST_VIEWS)
-    chosen = over_skull(views.selected(range(0, len(views), every)).reduced(LONGEST_SIDE), fitted)
+    chosen = over_skull(views.reduced(LONGEST_SIDE), fitted)
     settings, random = LmvsConfig(complete="never"), torch.Generator().manual_seed(0)
     try:
         segments = reconstruct(chosen, fitted.head.mesh, settings, random, track=_shown)

@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float
 from scipy import sparse
-from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
 from neural_strands.geometry.mesh_queries import ClosestPoints, MeshIndex
 from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.head.interpolation import attached, interpolation
 from neural_strands.preparation.head.laplacian import factorised, laplacian
 from neural_strands.preparation.head.template import Template
 
@@ -64,7 +63,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
     source = template.landmarks.double().numpy()[inside]
     target = evidence.landmarks[inside]
     known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
-    anchors = _attached(rest, torch.from_numpy(source[known]).float())
+    anchors = attached(rest, torch.from_numpy(source[known]).float())
     spread = np.nan_to_num(template.spread.double().numpy()[inside][known])
     variance = LANDMARK**2 + spread**2 + np.nan_to_num(evidence.landmark_error[inside][known]) ** 2
     smooth = laplacian(rest)
@@ -84,7 +83,7 @@ def deform(template: Template, evidence: Evidence) -> Template:
     mesh = replace(rest, vertices=torch.from_numpy(start + moved).float())
     landmarks = template.landmarks.clone()
     every = torch.isfinite(landmarks).all(dim=1)
-    carried = _attached(rest, landmarks[every]) @ (start + moved)
+    carried = attached(rest, landmarks[every]) @ (start + moved)
     landmarks[every] = torch.from_numpy(carried).to(landmarks)
     return replace(template, head=replace(template.head, mesh=mesh), landmarks=landmarks)
 
@@ -121,7 +120,7 @@ def _skin_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple[sp
     normal = face_normals(face)[closest.face].double().numpy()
     gap = closest.distance.double().numpy()
     weight = 1.0 / (1.0 + (gap / (3 * SKIN)) ** 2) / SKIN
-    at = _rows(closest, face, count)
+    at = interpolation(face, closest.face, closest.barycentric)
     rows = sparse.csr_matrix(sparse.hstack([sparse.diags(weight * normal[:, axis]) @ at for axis in range(3)]))
     values = weight * (normal * (evidence.points[kept.numpy()] - at @ start)).sum(axis=1)
     return rows, values
@@ -155,18 +154,3 @@ def _outline_rows(current: Mesh, evidence: Evidence, start: np.ndarray) -> tuple
     asked = np.flatnonzero(worst > 0)
     pick = sparse.csr_matrix((np.full(len(asked), 1.0 / OUTSIDE), (np.arange(len(asked)), asked)), (len(asked), count))
     return pick, (goal - start)[asked] / OUTSIDE
-
-
-def _attached(mesh: Mesh, points: Float[Tensor, "point 3"]) -> sparse.csr_matrix:
-    """The matrix (point, vertex) that interpolates the surface at the positions closest to given points."""
-    if len(points) == 0:
-        return sparse.csr_matrix((0, len(mesh.vertices)))
-    return _rows(MeshIndex(mesh).closest(points.contiguous()), mesh, len(mesh.vertices))
-
-
-def _rows(closest: ClosestPoints, mesh: Mesh, count: int) -> sparse.csr_matrix:
-    """The matrix (point, vertex) that interpolates points on a mesh."""
-    corners = mesh.faces[closest.face].numpy()
-    number = np.repeat(np.arange(len(corners)), 3)
-    weights = closest.barycentric.double().numpy().ravel()
-    return sparse.csr_matrix((weights, (number, corners.ravel())), (len(corners), count))

@@ -6,20 +6,19 @@ person's count little. Without evidence, the shoulders keep the template's size.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.preparation.face.topology import NAMED
+from neural_strands.preparation.head.outline import Outline
 from neural_strands.preparation.head.shoulders import TIP, Shoulders, movements, with_shoulders
 from neural_strands.preparation.head.template import Template
-from neural_strands.raster.triangles import rasterise_triangles
 
 SPREAD = (0.08, 0.15, 0.025, 0.02)
 """Expected sizes of a person's differences from the template: breadth, depth, rise and forward of `Shoulders`. Those of
@@ -55,13 +54,14 @@ def fit_shoulders(
     moved = movements(rest.vertices, chin)[1:]
     if not bool((rest.vertices[:, 0] - chin[0]).abs()[moved[0].abs().sum(dim=1) > 0].gt(TIP).any()):
         return template, Shoulders()
-    views = [_Outline.of(camera, outline) for camera, outline in zip(cameras, outlines, strict=True)]
+    people = (outline.astype(np.float32) for outline in outlines)
+    views = [Outline.of(camera, person, SIDE) for camera, person in zip(cameras, people, strict=True)]
     sizes = torch.zeros(len(SPREAD))
     for error in np.geomspace(COARSE, FINE, ROUNDS).tolist():
         current = Mesh(rest.vertices + torch.einsum("c,cpk->pk", sizes, moved), rest.faces)
         system, right = torch.diag(torch.tensor(SPREAD) ** -2), torch.zeros(len(SPREAD))
         for view in views:
-            gap, slope = view.gaps(current, moved)
+            gap, slope = _gaps(view, current, moved)
             # Geman-McClure weights, as in `deform`.
             weight = (1.0 + (gap / error) ** 2) ** -2 / error**2 * min(1.0, VIEW_POINTS / max(len(gap), 1))
             system = system + slope.T @ (weight[:, None] * slope)
@@ -72,60 +72,14 @@ def fit_shoulders(
     return replace(template, head=replace(template.head, mesh=mesh)), change
 
 
-@dataclass(frozen=True)
-class _Outline:
-    """The outline of a person in a small picture.
-
-    Attributes:
-        camera: camera of the small picture.
-        distance: signed distance of pixels from the outline, positive outside, pixels.
-        away: unit direction in which it grows.
-    """
-
-    camera: Camera
-    distance: Float32[Tensor, "height width"]
-    away: Float32[Tensor, "height width 2"]
-
-    @classmethod
-    def of(cls, camera: Camera, outline: Bool[np.ndarray, "height width"]) -> "_Outline":
-        small = camera.reduced(SIDE)
-        person = cv2.resize(outline.astype(np.float32), (small.width, small.height), interpolation=cv2.INTER_AREA)
-        distance = _signed_distance(person > 0.5)
-        return cls(small, distance, _growth(distance))
-
-    def gaps(
-        self, mesh: Mesh, moved: Float[Tensor, "change vertex 3"]
-    ) -> tuple[Float[Tensor, " point"], Float[Tensor, "point change"]]:
-        """Signed distances of points on the mesh's own outline from this one, metres, and how changes change them."""
-        camera = self.camera
-        buffer = rasterise_triangles(mesh.vertices, mesh.faces, camera)
-        own = _signed_distance((buffer.face >= 0).numpy())
-        row, column = torch.nonzero((own < 0) & (own > -1)).unbind(dim=1)
-        face, weights = buffer.face[row, column], buffer.barycentric[row, column]
-        height = interpolate(mesh.corners(), face, weights)[:, 1]
-        movement = torch.einsum("cpkx,pk->pcx", moved[:, mesh.faces[face]], weights)
-        upward = _growth(own)[row, column] @ camera.rotation[:2, 1]
-        # Beyond the border of the picture nothing is known.
-        border = torch.stack([row, column, camera.height - 1 - row, camera.width - 1 - column]).amin(dim=0)
-        distance, away = self.distance[row, column], self.away[row, column]
-        shoulder = (movement.abs().amax(dim=(1, 2)) > STILL) & (height > mesh.vertices[:, 1].min() + BOTTOM)
-        kept = shoulder & (upward > DOWN) & (border > 0) & (-distance < border)
-        metres = buffer.depth[row, column] / camera.intrinsics[0, 0]
-        slope = torch.einsum("pck,ik,pi->pc", movement, camera.rotation[:2], away)
-        return (distance * metres)[kept], slope[kept]
-
-
-def _signed_distance(inside: Bool[np.ndarray, "height width"]) -> Float32[Tensor, "height width"]:
-    """Distance of pixels from the border of a region, negative inside, pixels; the picture's border is none."""
-    # Without a border, OpenCV's distances are huge.
-    within, beyond = (
-        cv2.distanceTransform(each.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).clip(max=sum(inside.shape))
-        for each in (inside, ~inside)
-    )
-    return torch.from_numpy(np.where(inside, 0.5 - within, beyond - 0.5).astype(np.float32))
-
-
-def _growth(distance: Float32[Tensor, "height width"]) -> Float32[Tensor, "height width 2"]:
-    """Unit direction in the picture in which a distance grows."""
-    rows, columns = np.gradient(cv2.GaussianBlur(distance.numpy(), (0, 0), 1.5))
-    return torch.nn.functional.normalize(torch.from_numpy(np.stack([columns, rows], axis=-1)), dim=-1)
+def _gaps(
+    outline: Outline, mesh: Mesh, moved: Float[Tensor, "change vertex 3"]
+) -> tuple[Float[Tensor, " point"], Float[Tensor, "point change"]]:
+    """Distances of the shoulders' outline from the person's, metres, and how changes change them."""
+    contour, rotation = outline.contour(mesh), outline.camera.rotation
+    height = interpolate(mesh.corners(), contour.face, contour.barycentric)[:, 1]
+    movement = torch.einsum("cpkx,pk->pcx", moved[:, mesh.faces[contour.face]], contour.barycentric)
+    shoulder = (movement.abs().amax(dim=(1, 2)) > STILL) & (height > mesh.vertices[:, 1].min() + BOTTOM)
+    kept = shoulder & (contour.outward @ rotation[:2, 1] > DOWN)
+    slope = torch.einsum("pck,ik,pi->pc", movement, rotation[:2], contour.away)
+    return contour.gap[kept], slope[kept]
