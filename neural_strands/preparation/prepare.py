@@ -39,7 +39,7 @@ from neural_strands.preparation.face.files import read_faces, read_marks, write_
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
-from neural_strands.preparation.head.refine import refine
+from neural_strands.preparation.head.refinement.refine import refine
 from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.mask_edits import ChosenMasks, MaskEdits

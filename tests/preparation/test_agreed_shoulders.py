@@ -11,9 +11,9 @@ from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.views import View, Views
 from neural_strands.preparation.face.topology import NAMED
-from neural_strands.preparation.head.agreed_shoulders import FEWEST, agreed_shoulders
 from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.fit import FittedHead
+from neural_strands.preparation.head.refinement.agreed_shoulders import FEWEST, agreed_shoulders
 from neural_strands.preparation.head.shoulders import shoulder_share
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.fit_similarity import Similarity

@@ -12,8 +12,8 @@ from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.views import View, Views
 from neural_strands.preparation.face.topology import NAMED
 from neural_strands.preparation.head.builtin import builtin_template
-from neural_strands.preparation.head.crown import FEWEST, MOST, over_skull, raise_skull, skull_lift
 from neural_strands.preparation.head.fit import FittedHead
+from neural_strands.preparation.head.refinement.crown import FEWEST, MOST, over_skull, raise_skull, skull_lift
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.fit_similarity import Similarity
 

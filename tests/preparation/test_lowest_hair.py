@@ -10,10 +10,10 @@ from neural_strands.geometry.mesh import Mesh, vertex_normals
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.preparation.face.topology import NAMED
 from neural_strands.preparation.head.builtin import builtin_template
-from neural_strands.preparation.head.crown import MOST, skull_lift
 from neural_strands.preparation.head.fit import FittedHead
-from neural_strands.preparation.head.lift import SkullLift
-from neural_strands.preparation.head.lowest_hair import lowest_hair
+from neural_strands.preparation.head.refinement.crown import MOST, skull_lift
+from neural_strands.preparation.head.refinement.lift import SkullLift
+from neural_strands.preparation.head.refinement.lowest_hair import lowest_hair
 from neural_strands.scalp.fit_similarity import Similarity
 
 

@@ -11,8 +11,8 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.views import View, Views
 from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.fit import FittedHead
+from neural_strands.preparation.head.refinement.torso import FEWEST, ROWS, STEP, with_torso
 from neural_strands.preparation.head.template import Template
-from neural_strands.preparation.head.torso import FEWEST, ROWS, STEP, with_torso
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.fit_similarity import Similarity
 

@@ -17,7 +17,7 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import vertex_normals
 from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.preparation.head.fit import FittedHead
-from neural_strands.preparation.head.lift import mirrored, upwards
+from neural_strands.preparation.head.refinement.lift import mirrored, upwards
 
 RINGS = ((90.0, 0), (65.0, 4), (42.0, 6), (20.0, 8))
 """Places on one half of the skull: elevation, degrees, and number of steps from the front to the back."""

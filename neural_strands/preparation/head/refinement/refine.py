@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from neural_strands.geometry.views import Views
-from neural_strands.preparation.head.agreed_shoulders import agreed_shoulders
-from neural_strands.preparation.head.bare_outline import to_bare_outline
-from neural_strands.preparation.head.crown import raise_skull
 from neural_strands.preparation.head.fit import FittedHead
+from neural_strands.preparation.head.refinement.agreed_shoulders import agreed_shoulders
+from neural_strands.preparation.head.refinement.bare_outline import to_bare_outline
+from neural_strands.preparation.head.refinement.crown import raise_skull
+from neural_strands.preparation.head.refinement.torso import with_torso
 from neural_strands.preparation.head.template import Template
-from neural_strands.preparation.head.torso import with_torso
 
 LONGEST_SIDE, MOST_VIEWS = 640, 40
 """Size, pixels, and number of the photographs that are used; they are kept in memory together."""

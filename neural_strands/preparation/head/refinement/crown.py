@@ -25,8 +25,8 @@ from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.views import Part, Views
 from neural_strands.lmvs.reconstruct import LmvsConfig, reconstruct
 from neural_strands.preparation.head.fit import FittedHead
-from neural_strands.preparation.head.lift import SkullLift, upwards
-from neural_strands.preparation.head.lowest_hair import lowest_hair
+from neural_strands.preparation.head.refinement.lift import SkullLift, upwards
+from neural_strands.preparation.head.refinement.lowest_hair import lowest_hair
 
 UPPER = 0.5
 """Hair counts if the skull below it is raised by at least this share."""
