@@ -21,7 +21,7 @@ from neural_strands.lmvs.orientation import OrientationConfig, luma
 MOST_STRANDS = 5000
 """Largest number of strands that are drawn."""
 MOST_VIEWS = 4
-"""Largest number of views that drawn hair is compared with."""
+"""Largest number of views that hair drawn with curls is compared with."""
 LARGEST_SIDE = 512
 """Photographs are reduced to this size for the comparison, pixels."""
 SLOPES = (0.4, 0.55, 0.7, 0.9, 1.12, 1.4, 1.75)
@@ -126,10 +126,10 @@ class DrawnCurl:
         return self.texture.difference(self.seen, repetition)
 
 
-def photographs(views: Views) -> Photographs:
-    """A few photographs from all around, reduced to the size at which they are compared."""
+def photographs(views: Views, most: int = MOST_VIEWS) -> Photographs:
+    """At most so many photographs from all around, reduced to the size at which they are compared."""
     masked = [index for index, has in enumerate(views.has_hair_mask) if has]
-    chosen = masked[:: max(1, len(masked) // MOST_VIEWS)][:MOST_VIEWS]
+    chosen = masked[:: max(1, len(masked) // most)][:most]
     cameras, brightness, masks = [], [], []
     for view in (views[index] for index in chosen):
         if view.hair_mask is None:

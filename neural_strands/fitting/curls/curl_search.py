@@ -42,6 +42,8 @@ ALIKE = 0.15
 """Textures that differ by less than this are alike."""
 WAVY = 0.25
 """Hair may be wavy if more of its streaks than this lean otherwise than those of strands along the segments."""
+FOR_WAVES = 12
+"""Largest number of views in which this is measured: the share differs from view to view."""
 OF_NOISE = 0.5
 """If strands along the segments, drawn in as much noise as the photographs have, leave less than this share of the
 difference, noise explains most of it, and not waves."""
@@ -101,7 +103,7 @@ def find_curls(
         if _look_curly(helices, straight):
             return FoundCurls(helices.drawn.curl, helices.axes)
     drawn = straight.of(straight.axes)
-    waves = _find_waves(straight, drawn, normals, config.curls, track)
+    waves = _find_waves(straight, drawn, normals, config.curls, track) if _may_be_wavy(straight.axes, views) else None
     if leaning is not None and not leaning.strong:
         helices = closest_helices(room, leaning, scalp, straight, normals, leaving, track)
         rival = drawn if waves is None else waves.texture
@@ -120,14 +122,18 @@ def _look_curly(helices: Helices, straight: Comparison) -> bool:
     return helices.drawn.difference(FOR_CURLINESS) <= plainly + (MOST_WORSE if plainly > ALIKE else 0.0)
 
 
+def _may_be_wavy(axes: Float[Tensor, "strand point 3"], views: Views) -> bool:
+    """Whether many of the photographs' streaks lean off the strands that follow the segments."""
+    many = Comparison.along(axes, photographs(views, FOR_WAVES))
+    return many.of(axes).lean_difference(many.seen) >= WAVY
+
+
 def _find_waves(
     comparison: Comparison, straight: Texture, normals: Float[Tensor, "strand 3"], config: CurlConfig, track: Track
 ) -> DrawnCurl | None:
     """Look for waves about the strands that follow the segments, of texture `straight` if drawn as they are."""
     seen = comparison.seen
     plainly = straight.lean_difference(seen)
-    if plainly < WAVY:
-        return None
     noise = comparison.noise()
     if noise > 0 and comparison.of(comparison.axes, noise).lean_difference(seen) < OF_NOISE * plainly:
         # Noise turns streaks to either side, as waves do.

@@ -23,7 +23,7 @@ START = 0.2
 class SurroundConfig:
     """Sizes of what lies behind the hair."""
 
-    body_texture: Annotated[int, Between(1, 4096)] = 768
+    body_texture: Annotated[int, Between(1, 4096)] = 896
     """Texels per side of the body's texture, at most; more if the mesh has too many faces."""
     body_texel: Annotated[float, Between(1e-5, 1)] = 0.0015
     """Finest texel of the body, metres: about a pixel of the photographs, which leave gaps between smaller ones."""
