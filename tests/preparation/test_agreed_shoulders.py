@@ -11,12 +11,11 @@ from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.views import View, Views
 from neural_strands.preparation.face.topology import NAMED
-from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.refinement.agreed_shoulders import FEWEST, agreed_shoulders
 from neural_strands.preparation.head.shoulders import shoulder_share
 from neural_strands.raster.triangles import rasterise_triangles
-from neural_strands.scalp.fit_similarity import Similarity
+from tests.support.placed_template import placed_template
 
 CLOTHES = 0.012
 """Thickness of the clothes at the breast bone, metres."""
@@ -25,9 +24,7 @@ SIDE = 240
 
 @pytest.fixture(scope="module")
 def fitted() -> FittedHead:
-    template = builtin_template()
-    frame = Similarity(1.0, torch.eye(3).double(), torch.zeros(3).double())
-    return FittedHead(template.head, template.landmarks, frame, {})
+    return placed_template()
 
 
 def share(fitted: FittedHead) -> torch.Tensor:

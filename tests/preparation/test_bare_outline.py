@@ -11,11 +11,10 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.views import View, Views
 from neural_strands.preparation.face.topology import INTERIOR
-from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.refinement.bare_outline import to_bare_outline
 from neural_strands.raster.triangles import rasterise_triangles
-from neural_strands.scalp.fit_similarity import Similarity
+from tests.support.placed_template import placed_template
 
 SIDE = 320
 WIDER = 0.010
@@ -24,9 +23,7 @@ WIDER = 0.010
 
 @pytest.fixture(scope="module")
 def fitted() -> FittedHead:
-    template = builtin_template()
-    frame = Similarity(1.0, torch.eye(3).double(), torch.zeros(3).double())
-    return FittedHead(template.head, template.landmarks, frame, {})
+    return placed_template()
 
 
 def side_share(vertices: torch.Tensor) -> torch.Tensor:

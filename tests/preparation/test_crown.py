@@ -1,6 +1,7 @@
 """The skull rises to the lowest hair above it, found in points and in pictures, and the face stays where it is."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,10 @@ from neural_strands.geometry.mesh import Mesh, interpolate, vertex_normals
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.views import View, Views
 from neural_strands.preparation.face.topology import NAMED
-from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.refinement.crown import FEWEST, MOST, over_skull, raise_skull, skull_lift
 from neural_strands.raster.triangles import rasterise_triangles
-from neural_strands.scalp.fit_similarity import Similarity
+from tests.support.placed_template import placed_template
 
 HIGHER = 0.010
 """Height by which the person's crown exceeds the template's, metres."""
@@ -23,9 +23,7 @@ HIGHER = 0.010
 
 @pytest.fixture(scope="module")
 def fitted() -> FittedHead:
-    template = builtin_template()
-    frame = Similarity(1.0, torch.eye(3).double(), torch.zeros(3).double())
-    return FittedHead(template.head, template.landmarks, frame, {"scale_error": 0.03})
+    return replace(placed_template(), figures={"scale_error": 0.03})
 
 
 def brow_height(fitted: FittedHead) -> float:

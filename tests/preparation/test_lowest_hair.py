@@ -9,19 +9,16 @@ from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, vertex_normals
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.preparation.face.topology import NAMED
-from neural_strands.preparation.head.builtin import builtin_template
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.refinement.crown import MOST, skull_lift
 from neural_strands.preparation.head.refinement.lift import SkullLift
 from neural_strands.preparation.head.refinement.lowest_hair import lowest_hair
-from neural_strands.scalp.fit_similarity import Similarity
+from tests.support.placed_template import placed_template
 
 
 @pytest.fixture(scope="module")
 def fitted() -> FittedHead:
-    template = builtin_template()
-    frame = Similarity(1.0, torch.eye(3).double(), torch.zeros(3).double())
-    return FittedHead(template.head, template.landmarks, frame, {})
+    return placed_template()
 
 
 def brow(fitted: FittedHead) -> float:

@@ -1,6 +1,6 @@
 """The outline of a person in a picture, and how far the outline of a mesh is from it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -40,7 +40,7 @@ class Contour:
 
     def chosen(self, which: Bool[Tensor, " point"]) -> "Contour":
         """Some of the points."""
-        return Contour(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+        return Contour(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
 @dataclass(frozen=True)

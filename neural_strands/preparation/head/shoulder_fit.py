@@ -54,8 +54,8 @@ def fit_shoulders(
     moved = movements(rest.vertices, chin)[1:]
     if not bool((rest.vertices[:, 0] - chin[0]).abs()[moved[0].abs().sum(dim=1) > 0].gt(TIP).any()):
         return template, Shoulders()
-    people = (outline.astype(np.float32) for outline in outlines)
-    views = [Outline.of(camera, person, SIDE) for camera, person in zip(cameras, people, strict=True)]
+    pairs = zip(cameras, outlines, strict=True)
+    views = [Outline.of(camera, outline.astype(np.float32), SIDE) for camera, outline in pairs]
     sizes = torch.zeros(len(SPREAD))
     for error in np.geomspace(COARSE, FINE, ROUNDS).tolist():
         current = Mesh(rest.vertices + torch.einsum("c,cpk->pk", sizes, moved), rest.faces)

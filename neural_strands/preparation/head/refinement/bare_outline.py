@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float64
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, SuperLU, cg
 from torch import Tensor
-from torch.nn import functional
 
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.geometry.views import View, Views
@@ -43,7 +42,7 @@ LANDMARK = 0.001
 ROUNDS, COARSE, FINE = 4, 0.02, 0.004
 """Rounds of the fit, and error of an outline in the first and in the last, metres."""
 PRECISION, MOST_ITERATIONS = 1e-5, 2000
-"""Relative error of the solution, and iterations after which it has failed; 40 are usual."""
+"""Relative error of the solution, and iterations after which it has failed."""
 
 
 @dataclass(frozen=True)
@@ -75,18 +74,20 @@ def to_bare_outline(fitted: FittedHead, views: Views, say: Callable[[str], None]
         The head, with its landmarks where they were, and `outline_gap_mm` among its figures: the median distance of
         its bare outline from the person's.
     """
-    shots = [shot for shot in map(_shot, views) if shot is not None]
+    shots = [shot for shot in map(_shot, views.reduced(SIDE)) if shot is not None]
     mesh = fitted.head.mesh
-    before = _median_gap(mesh, shots)
+    contours = [shot.contour(mesh) for shot in shots]
+    before = _median_gap(contours)
     if before is None:
         return fitted
     stiffness = _stiffness(fitted)
     factors = factorised(stiffness)
     for error in np.geomspace(COARSE, FINE, ROUNDS).tolist():
-        system, right = _outline_equations(fitted.head.mesh, mesh, shots, error)
+        system, right = _outline_equations(fitted.head.mesh, mesh, shots, contours, error)
         moved = _solve(stiffness, factors, system, right)
         mesh = replace(mesh, vertices=fitted.head.mesh.vertices + torch.from_numpy(moved).to(mesh.vertices))
-    after = _median_gap(mesh, shots)
+        contours = [shot.contour(mesh) for shot in shots]
+    after = _median_gap(contours)
     figures = dict(fitted.figures)
     if after is not None:
         say(f"Ears, jaw and neck: {after:.1f} mm from the outlines in the median, {before:.1f} mm before.")
@@ -98,27 +99,25 @@ def _shot(view: View) -> _Shot | None:
     if view.hair_mask is None or view.person_mask is None:
         return None
     outline = Outline.of(view.camera, view.person_mask.numpy(), SIDE)
-    size = (outline.camera.height, outline.camera.width)
-    hair = functional.interpolate(view.hair_mask[None, None], size=size, mode="area")[0, 0]
-    return _Shot(outline, widen((hair > HAIR).float(), MARGIN) > 0)
+    return _Shot(outline, widen((view.hair_mask > HAIR).float(), MARGIN) > 0)
 
 
-def _median_gap(mesh: Mesh, shots: Sequence[_Shot]) -> float | None:
+def _median_gap(contours: Sequence[Contour]) -> float | None:
     """Median distance of the bare outlines, mm; None if there are none."""
-    gaps = [shot.contour(mesh).gap.abs() for shot in shots]
+    gaps = [contour.gap.abs() for contour in contours]
     together = torch.cat(gaps) if gaps else torch.zeros(0)
     return 1000 * float(together.median()) if len(together) else None
 
 
 def _outline_equations(
-    rest: Mesh, current: Mesh, shots: Sequence[_Shot], error: float
+    rest: Mesh, current: Mesh, shots: Sequence[_Shot], contours: Sequence[Contour], error: float
 ) -> tuple[sparse.csr_matrix, np.ndarray]:
     """Normal equations for the displacement of x, then y, then z of all vertices that brings the outlines together."""
     count = len(rest.vertices)
     now = (current.vertices - rest.vertices).double().numpy().T.ravel()
     system, right = sparse.csr_matrix((3 * count, 3 * count)), np.zeros(3 * count)
-    for shot in shots:
-        contour, rotation = shot.contour(current), shot.outline.camera.rotation
+    for shot, contour in zip(shots, contours, strict=True):
+        rotation = shot.outline.camera.rotation
         corners, points = rest.faces[contour.face].numpy(), len(contour.face)
         number = np.repeat(np.arange(points), 3)
         at = sparse.csr_matrix(

@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 import torch
 from jaxtyping import Bool, Int64
 from torch import Tensor
-from torch.nn import functional
 
-from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
-from neural_strands.geometry.views import Mask, Views
+from neural_strands.geometry.views import Views
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.shoulders import TIP
 from neural_strands.preparation.head.template import Template
@@ -82,13 +80,13 @@ def _shown_rows(mesh: Mesh, cut: _Cut, views: Views) -> int:
     longest, wall = _continued(mesh, cut, ROWS), torch.arange(ROWS).repeat_interleave(2 * len(cut.edges))
     row = torch.cat([torch.full((len(mesh.faces),), -1), wall])
     showing, pixels, covered = torch.zeros(3, ROWS, dtype=torch.int64)
-    for view in views:
+    for view in views.reduced(SIDE):
         if view.person_mask is None:
             continue
-        small = view.camera.reduced(SIDE)
-        face = rasterise_triangles(longest.vertices, longest.faces, small).face
-        person, hair = (_shrunk(mask, small) for mask in (view.person_mask, view.hair_mask))
-        seen = torch.where((face >= 0) & (hair < HAIR), row[face.clamp(min=0)], -1)
+        face = rasterise_triangles(longest.vertices, longest.faces, view.camera).face
+        person, hair = view.person_mask, view.hair_mask
+        bare = torch.ones_like(person, dtype=torch.bool) if hair is None else hair < HAIR
+        seen = torch.where((face >= 0) & bare, row[face.clamp(min=0)], -1)
         here, people = (
             torch.bincount(seen[counted & (seen >= 0)], minlength=ROWS) for counted in (seen >= 0, person > PERSON)
         )
@@ -100,13 +98,6 @@ def _shown_rows(mesh: Mesh, cut: _Cut, views: Views) -> int:
     # The part that moves reaches below the wall.
     end = int(missing[0])
     return max(end - round(CUT / STEP), 0) if nobody[end] else end
-
-
-def _shrunk(mask: Mask | None, camera: Camera) -> Mask:
-    """A mask at the size of a camera's pictures; without one, nothing is covered."""
-    if mask is None:
-        return torch.zeros(camera.height, camera.width)
-    return functional.interpolate(mask[None, None], size=(camera.height, camera.width), mode="area")[0, 0]
 
 
 def _continued(mesh: Mesh, cut: _Cut, rows: int) -> Mesh:
