@@ -35,7 +35,7 @@ from neural_strands.geometry.mesh import Mesh, vertex_normals
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.head.builtin import builtin_template, face_paint
 from neural_strands.preparation.head.template import draw
-from neural_strands.preparation.prepare import STAGES
+from neural_strands.preparation.request import STAGES
 from neural_strands.raster.triangles import rasterise_triangles
 
 WIDTH, HEIGHT = 6000, 4000

@@ -27,8 +27,9 @@ from neural_strands.pictures.encoding import write_png
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.head.fit import KnownSize
 from neural_strands.preparation.head.request import HeadRequest
-from neural_strands.preparation.prepare import STAGES as PREPARATION
-from neural_strands.preparation.prepare import PrepareRequest, prepare
+from neural_strands.preparation.prepare import prepare
+from neural_strands.preparation.request import STAGES as PREPARATION
+from neural_strands.preparation.request import PrepareRequest
 from neural_strands.runs.evaluate import evaluate_run, open_run
 from neural_strands.runs.report import write_report
 from neural_strands.runs.run_fit import FitRequest, run_fit

@@ -7,6 +7,7 @@ model         COLMAP's model (not with given cameras)
 cameras       undistorted pictures and their cameras
 face          faces in each picture, and masks of the person
 template      the template's landmarks
+motion        how the head moved between the photographs (not with given cameras)
 head          scale, frame, and the head in them, fitted to landmarks and outlines
 masks         hair
 skull         the head, raised to the hair if it lies too low, with shoulders where photographs agree
@@ -14,7 +15,6 @@ skull         the head, raised to the hair if it lies too low, with shoulders wh
 
 import uuid
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,7 @@ import numpy as np
 
 from neural_strands.capture.colmap import read_colmap
 from neural_strands.capture.writer import HAIR_MASKS, PERSON_MASKS
-from neural_strands.foundation.errors import InputError
-from neural_strands.foundation.files import is_taken, remove_leftovers, sole_writer, write_json
+from neural_strands.foundation.files import remove_leftovers, sole_writer, write_json
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.calibration import (
     Calibration,
@@ -36,17 +35,16 @@ from neural_strands.preparation.cameras.exposures import noticeable_exposures
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
+from neural_strands.preparation.follow_head import HeadMotion, follow_head
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.refinement.refine import refine
-from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import Template, find_landmarks, load_template
 from neural_strands.preparation.mask_edits import ChosenMasks, MaskEdits
 from neural_strands.preparation.masks.hair import find_hair, vote_on
 from neural_strands.preparation.masks.segmenter import (
     GivenMasks,
-    Segmenter,
     call_segmenter,
     check_command,
     run_segmenter,
@@ -64,47 +62,16 @@ from neural_strands.preparation.photographs.folder import (
     write_picture,
 )
 from neural_strands.preparation.photographs.video import import_video
+from neural_strands.preparation.request import STAGES, PrepareRequest, check_out
 from neural_strands.preparation.source import Source, find_source, has_unused_cameras
 from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
-STAGES = "preparation"
-"""Name of the folder with the stages, in the capture."""
 PERSON = "person"
 PERSON_SURE = 127
 """Value of the person mask (of 255) above which features are used if the person turns."""
-VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 3, "masks": 3, "skull": 4}
+VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 3, "masks": 3, "skull": 5}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
-
-
-@dataclass(frozen=True)
-class PrepareRequest:
-    """Inputs and settings for making a capture.
-
-    Attributes:
-        photographs: a folder of pictures, a video, or a model of calibrated photographs (`source.py`).
-        out: folder of the capture.
-        cameras: file or folder with calibrated cameras; estimated from the photographs if None.
-        masks: a folder with masks of the hair, named like the photographs; computed if None.
-        segmenter: a command or a function that makes masks of the hair (`masks/segmenter.py`). With a function, they
-            are made in every run, because it may have changed.
-        longest_side: largest side of a picture, pixels.
-        frames: number of frames to take from a video.
-        subject_turns: whether the person turns before a camera that stands still, instead of the camera moving.
-        keep_exposure: whether to leave the photographs' exposure and white balance as they are.
-        head: how to find the head.
-    """
-
-    photographs: Path
-    out: Path
-    cameras: Path | None = None
-    masks: Path | None = None
-    segmenter: str | Segmenter | None = None
-    longest_side: int = 2048
-    frames: int = 80
-    subject_turns: bool = False
-    keep_exposure: bool = False
-    head: HeadRequest = field(default_factory=HeadRequest)
 
 
 def prepare(request: PrepareRequest, say: Callable[[str], None]) -> dict[str, Any]:
@@ -140,16 +107,22 @@ def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], No
     """Run all stages; `prepare` has checked that the folder may be used."""
     run = _Run(request, source, say)
     photographs = run.photographs()
-    cameras, lenses = run.cameras(photographs)
+    cameras, lenses, model = run.cameras(photographs)
     calibration = Calibration.load(cameras.folder)
     given = None if request.masks is None else GivenMasks(request.masks, read_list(photographs.folder), lenses)
     face = run.face(cameras, calibration, Originals(read_list(photographs.folder), lenses))
     edits = MaskEdits.find(request.out, request.out / STAGES, calibration.pictures)
     if edits.sentence():
         say(edits.sentence())
-    people = [face.folder / PERSON / picture.name for picture in calibration.pictures]
-    outlines = edits.chosen(PERSON_MASKS, [file if file.is_file() else None for file in people])
-    head = run.head(cameras, calibration, face, outlines)
+    files = [face.folder / PERSON / picture.name for picture in calibration.pictures]
+    people = [file if file.is_file() else None for file in files]
+    template = run.template()
+    if model is not None:
+        cameras = run.motion(model, cameras, calibration, face, template, people)
+        motion = HeadMotion.load(cameras.folder, len(calibration.cameras))
+        calibration = calibration if motion is None else motion.followed(calibration)
+    outlines = edits.chosen(PERSON_MASKS, people)
+    head = run.head(cameras, calibration, face, template, outlines)
     fitted = FittedHead.load(head.folder)
     world = cameras_in_world(calibration.cameras, fitted.frame)
     masks = run.masks(calibration, face, head, fitted, world, outlines, given)
@@ -175,26 +148,6 @@ def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], No
     }
     write_json(request.out / "preparation.json", figures)
     return figures
-
-
-def check_out(request: PrepareRequest, source: Source) -> None:
-    """Check that no file of the user's would be lost: pictures and masks in the capture are replaced.
-
-    Raises:
-        InputError: the folder contains something other than a preparation, or the photographs or masks themselves.
-    """
-    out = request.out
-    begun = (out / STAGES).is_dir()
-    if not begun and is_taken(out):
-        raise InputError(
-            f"{out}: expected a new or empty folder, or one that prepare began, found another; name a new one."
-        )
-    folders = sorted({file.parent for file in source.files})
-    for path in (request.photographs, request.masks, *folders):
-        if path is not None and path.resolve().is_relative_to(out.resolve()):
-            raise InputError(
-                f"{path}: expected a folder outside {out}, which is written to; name another for the capture."
-            )
 
 
 class _Run:
@@ -227,10 +180,10 @@ class _Run:
 
         return self._stage("photographs", inputs, work)
 
-    def cameras(self, photographs: Stage) -> tuple[Stage, dict[str, PosedLens]]:
-        """Undistorted pictures with cameras, estimated or given, and their lenses."""
+    def cameras(self, photographs: Stage) -> tuple[Stage, dict[str, PosedLens], Stage | None]:
+        """Undistorted pictures with cameras, estimated or given; their lenses; and COLMAP's model, if estimated."""
         listed = read_list(photographs.folder)
-        given, exposures = self.source.cameras, None
+        given, exposures, model = self.source.cameras, None, None
         if given is not None:
             lenses = read_upright_cameras(given, listed, self.source.files)
             poses = {name: [*lens.lens.intrinsics, *lens.world_to_camera.ravel()] for name, lens in lenses.items()}
@@ -263,7 +216,7 @@ class _Run:
         def undistort(out: Path) -> None:
             calibrate(photographs.folder, listed, lenses, points, out, self.say, exposures)
 
-        return self._stage("cameras", inputs, undistort), lenses
+        return self._stage("cameras", inputs, undistort), lenses, model
 
     def _person(self, photographs: Stage, listed: Sequence[Photograph]) -> Stage:
         """Masks of the person in the photographs themselves, before cameras are known, named as COLMAP expects."""
@@ -299,9 +252,32 @@ class _Run:
 
         return self._stage("face", inputs, work)
 
-    def head(self, cameras: Stage, calibration: Calibration, face: Stage, outlines: ChosenMasks) -> Stage:
+    def motion(
+        self,
+        model: Stage,
+        cameras: Stage,
+        calibration: Calibration,
+        face: Stage,
+        template: Stage,
+        people: Sequence[Path | None],
+    ) -> Stage:
+        """How the head moved, which may be unknown; takes the place of the stage of the cameras."""
+        stages = {"model": model, "cameras": cameras, "face": face, "template": template}
+
+        def work(out: Path) -> None:
+            faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
+            loaded = Template.load(template.folder)
+            found = follow_head(model.folder, calibration, faces, people, loaded, self.say)
+            if found is not None:
+                found.save(out)
+
+        return self._stage("motion", {name: stage.digest for name, stage in stages.items()}, work)
+
+    def head(
+        self, cameras: Stage, calibration: Calibration, face: Stage, template: Stage, outlines: ChosenMasks
+    ) -> Stage:
         """The template placed on the person."""
-        asked, template = self.request.head, self._template()
+        asked = self.request.head
         inputs = {
             "cameras": cameras.digest,
             "face": face.digest,
@@ -321,7 +297,8 @@ class _Run:
 
         return self._stage("head", inputs, work)
 
-    def _template(self) -> Stage:
+    def template(self) -> Stage:
+        """A head with landmarks: the built-in one, or the user's."""
         asked = self.request.head
         path, scalp = asked.template, asked.scalp
         if path is None:

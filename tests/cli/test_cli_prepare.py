@@ -9,7 +9,7 @@ from neural_strands.preparation import prepare as module
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.head.fit import KnownSize
 from neural_strands.preparation.head.request import HeadRequest
-from neural_strands.preparation.prepare import PrepareRequest
+from neural_strands.preparation.request import PrepareRequest
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Ears and jaw move to the person's outline where it is not hair."""
+"""Ears and jaw move to the person's outline where it is not hair; the back keeps beneath hair that hangs over it."""
 
 import math
 from dataclasses import replace
@@ -17,6 +17,8 @@ from neural_strands.raster.triangles import rasterise_triangles
 from tests.support.placed_template import placed_template
 
 SIDE = 320
+BACK = -0.06
+"""What shows the person farther back than this is hair, metres."""
 WIDER = 0.010
 """How far the person's ears and jaw stand out beyond the template's, metres."""
 
@@ -97,6 +99,27 @@ def test_an_outline_of_hair_moves_nothing(fitted: FittedHead):
     shift = (moved.head.mesh.vertices - fitted.head.mesh.vertices).norm(dim=1)
     assert float(shift[above].max()) < 0.0015
     assert differing(fitted, moved) > 0.8 * differing(fitted, fitted)
+
+
+def test_the_back_keeps_beneath_hair_that_hangs_over_it(fitted: FittedHead):
+    """The outline of the back is that of hair, which lies 10 mm thick on it."""
+    rest = fitted.head.mesh
+    views = []
+    for number, turn in enumerate(math.radians(angle) for angle in (-105, -90, -75, 75, 90, 105)):
+        eye = torch.tensor([0.8 * math.sin(turn), -0.1, 0.8 * math.cos(turn)])
+        camera = Camera.look_at(eye, torch.tensor([0.0, -0.1, -0.05]), 1.6 * SIDE, (SIDE, SIDE), f"{number}")
+        buffer = rasterise_triangles(rest.vertices, rest.faces, camera)
+        person = buffer.face >= 0
+        behind = rest.corners()[buffer.face.clamp(min=0)].mean(dim=2)[..., 2] < BACK
+        views.append(View(camera, torch.zeros(SIDE, SIDE, 3), (person & behind).float(), person.float()))
+    moved = to_bare_outline(fitted, Views.in_memory(views), lambda _: None).head.mesh
+    x, y, z = rest.vertices.unbind(dim=1)
+    spine = (x.abs() < 0.02) & (z < BACK - 0.02) & (y < y.min() + 0.08) & (y > y.min() + 0.05)
+    forward = (moved.vertices - rest.vertices)[:, 2]
+    assert int(spine.sum()) > 5
+    assert 0.006 < float(forward[spine].median()) < 0.013
+    chest = (x.abs() < 0.02) & (z > 0.0) & (y < -0.16)
+    assert float(forward[chest].abs().median()) < 0.003
 
 
 @pytest.mark.parametrize("missing", ["person_mask", "hair_mask"])

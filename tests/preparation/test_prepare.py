@@ -23,7 +23,8 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.preparation.face.detector import Detector
 from neural_strands.preparation.photographs.folder import read_picture, write_picture
-from neural_strands.preparation.prepare import PrepareRequest, check_out, prepare
+from neural_strands.preparation.prepare import prepare
+from neural_strands.preparation.request import PrepareRequest, check_out
 from neural_strands.preparation.source import find_source
 
 

@@ -12,7 +12,8 @@ from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.cameras.given import read_cameras
 from neural_strands.preparation.photographs.folder import write_picture
-from neural_strands.preparation.prepare import PrepareRequest, prepare
+from neural_strands.preparation.prepare import prepare
+from neural_strands.preparation.request import PrepareRequest
 from neural_strands.preparation.source import Source, find_source, has_unused_cameras
 
 NAMES = ("a.png", "b.png", "c.png")

@@ -18,7 +18,7 @@ from neural_strands.preparation.head.place import cameras_in_world
 from neural_strands.preparation.head.request import HeadRequest
 from neural_strands.preparation.head.template import draw
 from neural_strands.preparation.photographs.folder import write_picture
-from neural_strands.preparation.prepare import PrepareRequest
+from neural_strands.preparation.request import PrepareRequest
 from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.scalp.fit_similarity import Similarity
 

@@ -55,7 +55,8 @@ class Prepare(HeadOptions):
 
     def run(self) -> None:
         """Prepare, saying what happens on standard error."""
-        from neural_strands.preparation.prepare import PrepareRequest, prepare
+        from neural_strands.preparation.prepare import prepare
+        from neural_strands.preparation.request import PrepareRequest
 
         request = PrepareRequest(
             self.photographs,

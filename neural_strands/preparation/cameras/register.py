@@ -168,6 +168,19 @@ def register(
     return _points(best)
 
 
+def read_model(folder: Path) -> "pycolmap.Reconstruction":
+    """Read the model that `register` wrote.
+
+    Raises:
+        InputError: a file is missing or damaged, or pycolmap is not installed.
+    """
+    pycolmap = _pycolmap()
+    try:
+        return pycolmap.Reconstruction(folder)
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"{folder}: expected COLMAP's model, found: {reason(error)}; {ADVICE}.") from error
+
+
 def best_model(models: Sequence["pycolmap.Reconstruction"]) -> "pycolmap.Reconstruction | None":
     """The model with the most cameras; of several, the one with the least error."""
     if not models:

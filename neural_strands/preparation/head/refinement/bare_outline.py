@@ -17,17 +17,20 @@ from torch import Tensor
 
 from neural_strands.geometry.mesh import Mesh, interpolate
 from neural_strands.geometry.views import View, Views
-from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.face.topology import INTERIOR, NAMED
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.interpolation import attached
 from neural_strands.preparation.head.laplacian import factorised, laplacian
 from neural_strands.preparation.head.outline import Contour, Outline
+from neural_strands.preparation.head.shoulders import shoulder_share
 from neural_strands.raster.dilation import widen
 
 SIDE = 320
 """Longer side at which outlines are compared, pixels."""
 HAIR, MARGIN = 0.05, 3
 """Coverage from which a pixel shows hair, and pixels between it and an outline that counts as bare."""
+MOSTLY = 0.5
+"""Coverage from which a pixel is mostly hair."""
 FARTHEST = 0.03
 """Largest distance of an outline from the person's, metres."""
 BOTTOM = 0.04
@@ -39,6 +42,8 @@ BEND, MOVE, SKULL = 3.5e-4, 0.02, 0.004
 the scalp, metres: the hair hides where the skull is."""
 LANDMARK = 0.001
 """Expected displacement of a landmark, metres: these have been fitted."""
+THICK = 0.010
+"""Least thickness of hair over neck and shoulders, metres, where the person's outline is that of hair."""
 ROUNDS, COARSE, FINE = 4, 0.02, 0.004
 """Rounds of the fit, and error of an outline in the first and in the last, metres."""
 PRECISION, MOST_ITERATIONS = 1e-5, 2000
@@ -47,19 +52,33 @@ PRECISION, MOST_ITERATIONS = 1e-5, 2000
 
 @dataclass(frozen=True)
 class _Shot:
-    """A reduced photograph: the person's outline, and whether each pixel is near hair."""
+    """A reduced photograph.
+
+    Attributes:
+        outline: the person's outline.
+        hair: whether each pixel is near hair.
+        strands: whether it is mostly hair, or next to such a pixel.
+    """
 
     outline: Outline
     hair: Bool[Tensor, "height width"]
+    strands: Bool[Tensor, "height width"]
 
-    def contour(self, mesh: Mesh) -> Contour:
-        """The mesh's outline near that of bare skin or clothes."""
+    def contours(self, mesh: Mesh, covered: Bool[Tensor, " face"]) -> tuple[Contour, Contour]:
+        """The mesh's outline near that of bare skin or clothes, and where it comes too near to that of hair.
+
+        Args:
+            mesh: world metres.
+            covered: faces of neck and shoulders, over which hair has a thickness.
+        """
         found = self.outline.contour(mesh)
         bare = ~self.hair[found.row, found.column] & ~self.hair[found.nearest[:, 0], found.nearest[:, 1]]
         facing = (found.outward * found.away).sum(dim=1) > ALONG
         height = interpolate(mesh.corners(), found.face, found.barycentric)[:, 1]
-        inner = height > mesh.vertices[:, 1].min() + BOTTOM
-        return found.chosen(bare & facing & inner & (found.gap.abs() < FARTHEST))
+        used = facing & (height > mesh.vertices[:, 1].min() + BOTTOM) & (found.gap.abs() < FARTHEST)
+        near = replace(found, gap=found.gap + THICK)
+        hidden = covered[found.face] & self.strands[found.nearest[:, 0], found.nearest[:, 1]] & (near.gap > 0)
+        return found.chosen(bare & used), near.chosen(hidden & used)
 
 
 def to_bare_outline(fitted: FittedHead, views: Views, say: Callable[[str], None]) -> FittedHead:
@@ -76,7 +95,8 @@ def to_bare_outline(fitted: FittedHead, views: Views, say: Callable[[str], None]
     """
     shots = [shot for shot in map(_shot, views.reduced(SIDE)) if shot is not None]
     mesh = fitted.head.mesh
-    contours = [shot.contour(mesh) for shot in shots]
+    covered = shoulder_share(mesh.corners().mean(dim=1), fitted.landmarks[NAMED["chin"]]) > 0.5
+    contours = [shot.contours(mesh, covered) for shot in shots]
     before = _median_gap(contours)
     if before is None:
         return fitted
@@ -86,7 +106,7 @@ def to_bare_outline(fitted: FittedHead, views: Views, say: Callable[[str], None]
         system, right = _outline_equations(fitted.head.mesh, mesh, shots, contours, error)
         moved = _solve(stiffness, factors, system, right)
         mesh = replace(mesh, vertices=fitted.head.mesh.vertices + torch.from_numpy(moved).to(mesh.vertices))
-        contours = [shot.contour(mesh) for shot in shots]
+        contours = [shot.contours(mesh, covered) for shot in shots]
     after = _median_gap(contours)
     figures = dict(fitted.figures)
     if after is not None:
@@ -99,24 +119,26 @@ def _shot(view: View) -> _Shot | None:
     if view.hair_mask is None or view.person_mask is None:
         return None
     outline = Outline.of(view.camera, view.person_mask.numpy(), SIDE)
-    return _Shot(outline, widen((view.hair_mask > HAIR).float(), MARGIN) > 0)
+    near, next_to = ((view.hair_mask > least, margin) for least, margin in ((HAIR, MARGIN), (MOSTLY, 1)))
+    return _Shot(outline, *(widen(hair.float(), margin) > 0 for hair, margin in (near, next_to)))
 
 
-def _median_gap(contours: Sequence[Contour]) -> float | None:
+def _median_gap(contours: Sequence[tuple[Contour, Contour]]) -> float | None:
     """Median distance of the bare outlines, mm; None if there are none."""
-    gaps = [contour.gap.abs() for contour in contours]
+    gaps = [bare.gap.abs() for bare, _ in contours]
     together = torch.cat(gaps) if gaps else torch.zeros(0)
     return 1000 * float(together.median()) if len(together) else None
 
 
 def _outline_equations(
-    rest: Mesh, current: Mesh, shots: Sequence[_Shot], contours: Sequence[Contour], error: float
+    rest: Mesh, current: Mesh, shots: Sequence[_Shot], contours: Sequence[tuple[Contour, Contour]], error: float
 ) -> tuple[sparse.csr_matrix, np.ndarray]:
     """Normal equations for the displacement of x, then y, then z of all vertices that brings the outlines together."""
     count = len(rest.vertices)
     now = (current.vertices - rest.vertices).double().numpy().T.ravel()
     system, right = sparse.csr_matrix((3 * count, 3 * count)), np.zeros(3 * count)
-    for shot, contour in zip(shots, contours, strict=True):
+    pairs = zip(shots, contours, strict=True)
+    for shot, contour in ((shot, contour) for shot, pair in pairs for contour in pair):
         rotation = shot.outline.camera.rotation
         corners, points = rest.faces[contour.face].numpy(), len(contour.face)
         number = np.repeat(np.arange(points), 3)
