@@ -13,6 +13,7 @@ import numpy as np
 import torch
 import trimesh
 from fuzzed_photographs import import_one, read_video, write_photographs
+from fuzzed_pictures import write_colmap, write_pictures
 from fuzzed_reader import FuzzedReader
 from torch import Tensor
 from workspace import write_workspace
@@ -47,9 +48,11 @@ from neural_strands.model.networks import SHIPPED as SHIPPED_NETWORKS
 from neural_strands.model.networks import read_networks
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
 from neural_strands.preparation.cameras.exposures import EXPOSURES, noticeable_exposures, write_exposures
+from neural_strands.preparation.cameras.head_motion import Motion
 from neural_strands.preparation.cameras.metashape import read_metashape
 from neural_strands.preparation.cameras.reality_capture import COLUMNS, read_reality_capture
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
+from neural_strands.preparation.follow_head import HeadMotion
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.flame import read_flame
 from neural_strands.preparation.head.template import Template
@@ -90,8 +93,8 @@ def write_corpus(folder: Path) -> None:
     folder = folder.resolve()
     _write_grooms(folder / "grooms")
     _write_meshes(folder / "meshes")
-    _write_colmap(folder)
-    _write_pictures(folder / "pictures")
+    write_colmap(folder)
+    write_pictures(folder / "pictures")
     write_photographs(folder / "photographs")
     _write_preparation(folder / "preparation")
     _write_settings(folder / "settings")
@@ -141,38 +144,6 @@ def _write_meshes(folder: Path) -> None:
     )
 
 
-def _write_colmap(folder: Path) -> None:
-    import struct
-
-    text, binary = folder / "colmap_text", folder / "colmap_binary"
-    text.mkdir()
-    binary.mkdir()
-    lens = (64.0, 62.0, 32.0, 24.0, 0.01, -0.02, 0.003, 0.004)
-    numbers = " ".join(map(str, lens))
-    (text / "cameras.txt").write_text(f"# cameras\n1 OPENCV 64 48 {numbers}\n2 PINHOLE 64 48 60 60 32 24\n")
-    images = "".join(f"{k + 1} 1 0 0 0 0 0 2 {1 + k % 2} {k}.png\n1.5 2.5 -1 3 4 7\n" for k in range(3))
-    (text / "images.txt").write_text(f"# images\n{images}")
-    content = struct.pack("<QIiQQ8d", 2, 1, 4, 64, 48, *lens) + struct.pack("<IiQQ4d", 2, 1, 64, 48, 60, 60, 32, 24)
-    (binary / "cameras.bin").write_bytes(content)
-    entries = b"".join(
-        struct.pack("<I7dI", k + 1, 1, 0, 0, 0, 0, 0, 2, 1 + k % 2)
-        + f"{k}.png\0".encode()
-        + struct.pack("<Q2dq", 1, 1, 2, -1)
-        for k in range(3)
-    )
-    (binary / "images.bin").write_bytes(struct.pack("<Q", 3) + entries)
-
-
-def _write_pictures(folder: Path) -> None:
-    folder.mkdir()
-    ramp = np.arange(24 * 32 * 3, dtype=np.uint16).reshape(24, 32, 3)
-    for name in ("a.png", "a.jpg", "a.webp", "a.tif", "a.bmp"):
-        cv2.imwrite(str(folder / name), (ramp % 251).astype(np.uint8))
-    cv2.imwrite(str(folder / "deep.png"), ramp * 20)
-    cv2.imwrite(str(folder / "alpha.png"), (ramp[..., [0, 1, 2, 0]] % 251).astype(np.uint8))
-    cv2.imwrite(str(folder / "mask.png"), (ramp[..., 0] % 251).astype(np.uint8))
-
-
 def _write_preparation(folder: Path) -> None:
     for name in ("photographs", "model", "face", "head", "template"):
         (folder / name).mkdir(parents=True)
@@ -189,14 +160,17 @@ def _write_preparation(folder: Path) -> None:
     Template(head, torch.zeros(478, 3), torch.zeros(478)).save(folder / "template")
     frame = Similarity(0.4, torch.eye(3).double(), torch.zeros(3).double())
     FittedHead(head, torch.zeros(478, 3), frame, {"views_with_face": 3}).save(folder / "head")
+    still = np.zeros((3, 3))
+    points = SparsePoints(still, still.astype(np.uint8))
+    HeadMotion(Motion(still, still, still, still[0]), points).save(folder / "head")
     write_votes(folder / "head", np.linspace(0, 1, len(ball.mesh.vertices)))
     run_stage(folder / "stage", STAGE_INPUTS, lambda _: None)
     write_masks(folder)
     SparsePoints(np.ones((9, 3)), np.ones((9, 3), np.uint8)).save(folder.parent / "capture")
     (folder / "cameras.xml").write_text(METASHAPE)
     row = {"#name": "a.jpg", "x": "1", "y": "2", "alt": "3", "heading": "90", "pitch": "2", "roll": "1", "f": "42"}
-    values = [row.get(column, "0") for column in COLUMNS]
-    (folder / "cameras.csv").write_text(",".join(COLUMNS) + "\n" + ",".join(values) + "\n")
+    rows = (COLUMNS, (row.get(column, "0") for column in COLUMNS))
+    (folder / "cameras.csv").write_text("".join(",".join(each) + "\n" for each in rows))
     flame = {"v_template": ball.mesh.vertices.double().numpy(), "f": ball.mesh.faces.numpy(), "bs_style": "lbs"}
     (folder / "flame.pkl").write_bytes(pickle.dumps(flame, protocol=2))
 
@@ -391,6 +365,7 @@ READERS = (
     FuzzedReader("stage template", "preparation/template/template.npz", lambda path: Template.load(path.parent)),
     FuzzedReader("stage head", "preparation/head/head.npz", _fitted),
     FuzzedReader("stage figures", "preparation/head/figures.json", _fitted),
+    FuzzedReader("stage motion", "preparation/head/motion.npz", lambda path: HeadMotion.load(path.parent, 3)),
     FuzzedReader("stage masks", f"preparation/head/{VOTES}", lambda path: read_votes(path.parent, BALL_VERTICES)),
     FuzzedReader("stage record", "preparation/stage/inputs.json", _stage_record),
     FuzzedReader("written masks", f"preparation/{WRITTEN_MASKS}", _written_masks),

@@ -1,8 +1,9 @@
-"""Moves a fitted head to the person's outline where that is bare skin or clothes: ears, jaw, neck, shoulders.
+"""Moves a fitted head to the person's outline where that is bare skin or clothes, and beneath it where it is hair.
 
 Before hair is told from skin, an outline only limits the head, because hair may lie over it (`deform.py`). With masks
 of the hair, the rest of the outline tells where the surface is: the smooth displacement is found that brings the
-head's own outline there in all photographs.
+head's own outline there in all photographs. Hair that hangs over the shoulders has a thickness: where the outline is
+that of hair, they lie at least so deep beneath it.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,8 +43,8 @@ BEND, MOVE, SKULL = 3.5e-4, 0.02, 0.004
 the scalp, metres: the hair hides where the skull is."""
 LANDMARK = 0.001
 """Expected displacement of a landmark, metres: these have been fitted."""
-THICK = 0.010
-"""Least thickness of hair over neck and shoulders, metres, where the person's outline is that of hair."""
+SHOULDERS, THICK = 0.5, 0.010
+"""Share of the shoulders from which hair lies over a face, and its least thickness, metres, where it is the outline."""
 ROUNDS, COARSE, FINE = 4, 0.02, 0.004
 """Rounds of the fit, and error of an outline in the first and in the last, metres."""
 PRECISION, MOST_ITERATIONS = 1e-5, 2000
@@ -69,7 +70,7 @@ class _Shot:
 
         Args:
             mesh: world metres.
-            covered: faces of neck and shoulders, over which hair has a thickness.
+            covered: faces of the shoulders, over which hair has a thickness.
         """
         found = self.outline.contour(mesh)
         bare = ~self.hair[found.row, found.column] & ~self.hair[found.nearest[:, 0], found.nearest[:, 1]]
@@ -95,7 +96,7 @@ def to_bare_outline(fitted: FittedHead, views: Views, say: Callable[[str], None]
     """
     shots = [shot for shot in map(_shot, views.reduced(SIDE)) if shot is not None]
     mesh = fitted.head.mesh
-    covered = shoulder_share(mesh.corners().mean(dim=1), fitted.landmarks[NAMED["chin"]]) > 0.5
+    covered = shoulder_share(mesh.corners().mean(dim=1), fitted.landmarks[NAMED["chin"]]) > SHOULDERS
     contours = [shot.contours(mesh, covered) for shot in shots]
     before = _median_gap(contours)
     if before is None:
@@ -119,8 +120,8 @@ def _shot(view: View) -> _Shot | None:
     if view.hair_mask is None or view.person_mask is None:
         return None
     outline = Outline.of(view.camera, view.person_mask.numpy(), SIDE)
-    near, next_to = ((view.hair_mask > least, margin) for least, margin in ((HAIR, MARGIN), (MOSTLY, 1)))
-    return _Shot(outline, *(widen(hair.float(), margin) > 0 for hair, margin in (near, next_to)))
+    near, strands = widen((view.hair_mask > HAIR).float(), MARGIN), widen((view.hair_mask > MOSTLY).float(), 1)
+    return _Shot(outline, near > 0, strands > 0)
 
 
 def _median_gap(contours: Sequence[tuple[Contour, Contour]]) -> float | None:
