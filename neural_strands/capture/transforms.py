@@ -1,13 +1,17 @@
 """Reader of nerfstudio's `transforms.json` (also NeRF's, with `camera_angle_x`)."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.capture.lens import Lens
 from neural_strands.capture.view_files import ViewFiles, find_mask, rigid, undistorted_intrinsics
+from neural_strands.capture.writer import WORLD_TO_ROOM
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.json_files import JsonValue, read_json
@@ -23,7 +27,8 @@ def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
     """Read every frame of a `transforms.json`, in the order of the file.
 
     Intrinsics are given at the top level or in a frame, which takes precedence. `mask_path` of a frame is its hair mask
-    and `person_mask_path` its person mask; without them, `masks/` and `person_masks/` are searched.
+    and `person_mask_path` its person mask; without them, `masks/` and `person_masks/` are searched. `world_to_room`, if
+    there is one, says how the person had moved (`Camera.world_to_room`).
 
     Raises:
         InputError: the file is not JSON, or a key is missing or has a wrong value.
@@ -41,17 +46,11 @@ def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
 
 def _view(folder: Path, frame: JsonValue, image_path: Path, name: str, shared: dict[str, JsonValue]) -> ViewFiles:
     lens = _lens(frame, shared, image_path)
-    written = frame.member("transform_matrix")
-    rows = written.array(None, 4)
-    if len(rows) not in (3, 4):
-        raise written.refuse("a matrix of 4 x 4 numbers")
-    pose = torch.from_numpy(np.vstack([rows[:3], [0.0, 0.0, 0.0, 1.0]]))
-    camera = Camera.from_opengl(
-        rigid(pose, f"{frame.source}: {frame.place}").float(),
-        undistorted_intrinsics(lens),
-        (lens.width, lens.height),
-        name,
-    )
+    pose = _pose(frame, frame.member("transform_matrix"))
+    camera = Camera.from_opengl(pose, undistorted_intrinsics(lens), (lens.width, lens.height), name)
+    room = frame.optional(WORLD_TO_ROOM)
+    if room is not None:
+        camera = replace(camera, world_to_room=_pose(frame, room))
     return ViewFiles(
         camera,
         lens,
@@ -59,6 +58,14 @@ def _view(folder: Path, frame: JsonValue, image_path: Path, name: str, shared: d
         _mask_path(folder, frame.optional("mask_path"), "masks", name),
         _mask_path(folder, frame.optional("person_mask_path"), "person_masks", name),
     )
+
+
+def _pose(frame: JsonValue, written: JsonValue) -> Float[Tensor, "4 4"]:
+    rows = written.array(None, 4)
+    if len(rows) not in (3, 4):
+        raise written.refuse("a matrix of 4 x 4 numbers")
+    pose = torch.from_numpy(np.vstack([rows[:3], [0.0, 0.0, 0.0, 1.0]]))
+    return rigid(pose, f"{frame.source}: {frame.place}").float()
 
 
 def _image_path(folder: Path, name: str) -> Path:

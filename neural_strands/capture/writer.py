@@ -23,6 +23,8 @@ from neural_strands.pictures.encoding import Picture, write_png
 
 IMAGES, HAIR_MASKS, PERSON_MASKS = "images", "masks", "person_masks"
 """Folders of the photographs, of the coverage of hair, and of the coverage of the whole person."""
+WORLD_TO_ROOM = "world_to_room"
+"""Key of a frame for `Camera.world_to_room`."""
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Suffixes with which a camera's name is already a file name; other names get ".png" appended."""
 UNIT = 1e-5
@@ -104,7 +106,7 @@ class CaptureWriter:
         lenses = [_lens(camera) for camera in cameras]
         alike = all(lens == lenses[0] for lens in lenses)
         frames = [
-            {**self._paths(camera), **({} if alike else lens), "transform_matrix": _pose(camera)}
+            {**self._paths(camera), **({} if alike else lens), **_poses(camera)}
             for camera, lens in zip(cameras, lenses, strict=True)
         ]
         distortion = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
@@ -176,8 +178,10 @@ def _lens(camera: Camera) -> dict[str, int | float]:
     return {"w": camera.width, "h": camera.height, "fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy}
 
 
-def _pose(camera: Camera) -> list[list[float]]:
-    return camera.opengl_camera_to_world.tolist()
+def _poses(camera: Camera) -> dict[str, list[list[float]]]:
+    """Pose, and the room's if it is another; that key is ours."""
+    room = {} if camera.world_to_room is None else {WORLD_TO_ROOM: camera.world_to_room.tolist()}
+    return {"transform_matrix": camera.opengl_camera_to_world.tolist()} | room
 
 
 def _obj_lines(mesh: Mesh) -> Iterable[str]:

@@ -22,6 +22,8 @@ class Camera:
         width: image width in pixels.
         height: image height in pixels.
         name: name of the view, in messages and files.
+        world_to_room: rigid transform from world metres to those of the room, if the person, and the world with them,
+            moved in the room until this photograph was taken; None if both are the same.
 
     Examples:
         >>> import torch
@@ -37,6 +39,7 @@ class Camera:
     width: int
     height: int
     name: str = ""
+    world_to_room: Float[Tensor, "4 4"] | None = None
 
     @classmethod
     def from_opengl(
@@ -108,10 +111,21 @@ class Camera:
         return self.camera_to_world @ torch.diag(self.world_to_camera.new_tensor(OPENGL_TO_OPENCV))
 
     def to(self, device: torch.device | str) -> "Camera":
-        """Move both matrices to `device`."""
+        """Move all matrices to `device`."""
+        room = None if self.world_to_room is None else sent(self.world_to_room, device)
         return replace(
-            self, intrinsics=sent(self.intrinsics, device), world_to_camera=sent(self.world_to_camera, device)
+            self,
+            intrinsics=sent(self.intrinsics, device),
+            world_to_camera=sent(self.world_to_camera, device),
+            world_to_room=room,
         )
+
+    def in_room(self) -> "Camera":
+        """The camera relative to the room, which what stands still is seen with."""
+        if self.world_to_room is None:
+            return self
+        pose = self.world_to_camera @ rigid_inverse(self.world_to_room)
+        return replace(self, world_to_camera=pose, world_to_room=None)
 
     def transform(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """World metres to camera metres."""

@@ -194,3 +194,26 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path):
     with smallest_files(50), pytest.raises(InputError, match="cannot be written"):
         writer.write_view(camera("a.png"), samples(0, (3,)))
     assert not list((tmp_path / "images").iterdir())
+
+
+def test_the_motion_of_the_person_comes_back(tmp_path):
+    motion = torch.eye(4)
+    motion[:3, :3] = camera("a", 0.01).rotation
+    motion[:3, 3] = torch.tensor([0.001, -0.002, 0.003])
+    cameras = [camera("a.png", world_to_room=motion), camera("b.png", 0.5)]
+    for one in cameras:
+        CaptureWriter(tmp_path).write_view(one, samples(0, (3,)))
+    CaptureWriter(tmp_path).finish(cameras)
+    moved, still = Capture.load(tmp_path).cameras
+    assert moved.world_to_room is not None
+    torch.testing.assert_close(moved.world_to_room, motion, atol=1e-6, rtol=0)
+    assert still.world_to_room is None
+
+
+def test_a_motion_that_scales_is_refused(tmp_path):
+    cameras = [camera("a.png", world_to_room=2 * torch.eye(4)), camera("b.png", 0.5)]
+    for one in cameras:
+        CaptureWriter(tmp_path).write_view(one, samples(0, (3,)))
+    CaptureWriter(tmp_path).finish(cameras)
+    with pytest.raises(InputError, match="expected a rigid camera pose"):
+        Capture.load(tmp_path)

@@ -119,3 +119,16 @@ def test_moving_devices_keeps_values(device: torch.device, generator: torch.Gene
     camera = posed(generator).to(device)
     assert camera.intrinsics.device.type == device.type
     assert camera.world_to_camera.device.type == device.type
+
+
+def test_the_room_is_seen_where_it_stands(generator: torch.Generator):
+    """A point of the person moves with them; seen from the room's camera, it is where they carried it."""
+    motion = posed(generator).world_to_camera
+    camera = replace(posed(generator), world_to_room=motion)
+    points = torch.randn(20, 3, generator=generator, dtype=torch.float64)
+    carried = points @ motion[:3, :3].T + motion[:3, 3]
+    for seen, expected in zip(camera.in_room().project(carried), camera.project(points), strict=True):
+        torch.testing.assert_close(seen, expected)
+    assert camera.in_room().world_to_room is None
+    still = posed(generator)
+    assert still.in_room() is still

@@ -1,6 +1,7 @@
 """Placing a template: a known similarity comes back, and the world's cameras see the same pictures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,3 +69,16 @@ def test_too_few_landmarks_are_refused():
     bare[:5] = points[:5]
     with pytest.raises(InputError, match="at least 8 landmarks"):
         place(template(bare), face)
+
+
+def test_the_room_stays_where_it_is_after_the_world_is_moved():
+    true, random = turned(), torch.Generator().manual_seed(0)
+    motion = torch.eye(4)
+    motion[:3, :3] = turned().rotation.float().T
+    motion[:3, 3] = torch.tensor([0.05, 0.02, -0.03])
+    cameras = [replace(camera, world_to_room=motion) for camera in arc(3)]
+    points = torch.randn(20, 3, generator=random)
+    for before, after in zip(cameras, cameras_in_world(cameras, true), strict=True):
+        here, _ = before.in_room().project(points)
+        there, _ = after.in_room().project(true.apply(points.double()).float())
+        torch.testing.assert_close(here, there, atol=2e-2, rtol=1e-4)

@@ -68,14 +68,15 @@ def background_shot(view: View, share: Float[Tensor, "height width"], rows: int)
         share: of each pixel that is background.
         rows: cells of a sphere from pole to pole.
     """
-    rays = view.camera.ray_planes().permute(1, 2, 0)
-    pixels = float(view.camera.intrinsics[0, 0]) * math.pi / rows  # that span a cell
+    camera = view.camera.in_room()
+    rays = camera.ray_planes().permute(1, 2, 0)
+    pixels = float(camera.intrinsics[0, 0]) * math.pi / rows  # that span a cell
     factor = max(1, min(round(pixels / PIXELS), *rays.shape[:2]))
     light = area_mean(torch.cat([to_linear(view.image) * share[..., None], share[..., None]], dim=2), factor)
     pure = light[..., 3] > PURE
     few = light[pure]
     return Shot(
-        view.camera.position,
+        camera.position,
         F.normalize(area_mean(rays, factor)[pure], dim=-1).T[:, None],
         to_srgb(few[:, :3] / few[:, 3:]),
     )

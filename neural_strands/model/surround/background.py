@@ -64,7 +64,8 @@ class Background(nn.Module):
 
     def directions(self, camera: Camera) -> Float[Tensor, "3 height width"]:
         """Unit directions from the centre to what each pixel shows of the shell."""
-        rays, origin = camera.ray_planes(), camera.position - self.centre
+        still = camera.in_room()
+        rays, origin = still.ray_planes(), still.position - self.centre
         lengths = shell_distances(origin, rays, self.nearness)
         return _unit(origin[:, None, None] + lengths * rays)
 

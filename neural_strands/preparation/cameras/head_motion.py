@@ -61,14 +61,15 @@ class Motion:
     middle: Float64[np.ndarray, "3"]
 
     def followed(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
-        """The cameras relative to the head."""
+        """The cameras relative to the head, which is the world."""
         turned = Rotation.from_rotvec(self.turn).as_matrix()
         moved = []
         for camera, turn, shift in zip(cameras, turned, self.shift, strict=True):
             motion = np.eye(4)
             motion[:3, :3], motion[:3, 3] = turn, self.middle + shift - turn @ self.middle
             pose = camera.world_to_camera.double() @ torch.from_numpy(motion)
-            moved.append(replace(camera, world_to_camera=pose.to(camera.world_to_camera)))
+            room = torch.from_numpy(motion).to(camera.world_to_camera)
+            moved.append(replace(camera, world_to_camera=pose.to(room), world_to_room=room))
         return tuple(moved)
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
@@ -81,12 +83,28 @@ def world_frame(placement: Placement, metres_per_unit: float) -> Similarity:
 
 def cameras_in_world(cameras: Sequence[Camera], frame: Similarity) -> tuple[Camera, ...]:
     """Express cameras in a world that is transformed by `frame`."""
-    return tuple(replace(camera, world_to_camera=_moved(camera, frame)) for camera in cameras)
+    return tuple(
+        replace(
+            camera,
+            world_to_camera=_moved(camera.world_to_camera, frame),
+            world_to_room=None if camera.world_to_room is None else _in_world(camera.world_to_room, frame),
+        )
+        for camera in cameras
+    )
 
 
-def _moved(camera: Camera, frame: Similarity) -> torch.Tensor:
-    rotation = camera.rotation.double() @ frame.rotation.double().T
-    translation = frame.scale * camera.world_to_camera[:3, 3].double() - rotation @ frame.translation.double()
+def _moved(pose: Float[Tensor, "4 4"], frame: Similarity) -> Float[Tensor, "4 4"]:
+    """A transform from the cameras' frame, in the world's metres and from the world instead."""
     moved = torch.eye(4, dtype=torch.float64)
-    moved[:3, :3], moved[:3, 3] = rotation, translation
+    moved[:3, :3] = pose[:3, :3].double() @ frame.rotation.double().T
+    moved[:3, 3] = frame.scale * pose[:3, 3].double() - moved[:3, :3] @ frame.translation.double()
+    return moved.float()
+
+
+def _in_world(motion: Float[Tensor, "4 4"], frame: Similarity) -> Float[Tensor, "4 4"]:
+    """A motion within the cameras' frame as one within the world."""
+    turned, rotation = _moved(motion, frame).double(), frame.rotation.double()
+    moved = torch.eye(4, dtype=torch.float64)
+    moved[:3, :3] = rotation @ turned[:3, :3]
+    moved[:3, 3] = rotation @ turned[:3, 3] + frame.translation.double()
     return moved.float()

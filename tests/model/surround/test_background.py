@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
@@ -126,3 +127,16 @@ def test_up_and_the_front_are_where_the_page_says():
     u, v = equirectangular(torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T[:, None])
     assert u[0].tolist()[:2] == [0.5, 0.75]
     assert v[0].tolist() == pytest.approx([0.5, 0.5, 1.0])
+
+
+def test_a_person_who_moves_does_not_move_the_background(generator):
+    background = Background(torch.zeros(3), SurroundConfig(background_texture=8))
+    background.colour.copy_(wrapped(torch.rand(3, 8, 16, generator=generator)))
+    still = Camera.look_at(torch.tensor([0.3, 0.1, 1.0]), torch.zeros(3), 6.0, (11, 9))
+    motion = torch.eye(4)
+    motion[:3, :3] = Camera.look_at(torch.tensor([0.1, 0.0, 1.0]), torch.zeros(3), 1.0, (1, 1)).rotation
+    motion[:3, 3] = torch.tensor([0.02, 0.0, 0.05])
+    # Relative to the person, the camera moves.
+    moved = replace(still, world_to_camera=still.world_to_camera @ motion, world_to_room=motion)
+    torch.testing.assert_close(background(moved), background(still), atol=1e-5, rtol=0)
+    assert not torch.allclose(background(replace(moved, world_to_room=None)), background(still), atol=0.05)
