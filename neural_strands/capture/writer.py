@@ -179,7 +179,7 @@ def _lens(camera: Camera) -> dict[str, int | float]:
 
 
 def _poses(camera: Camera) -> dict[str, list[list[float]]]:
-    """Pose, and the room's if it is another; that key is ours."""
+    """The pose, and how the person had moved if they had; nerfstudio has no key for that."""
     room = {} if camera.world_to_room is None else {WORLD_TO_ROOM: camera.world_to_room.tolist()}
     return {"transform_matrix": camera.opengl_camera_to_world.tolist()} | room
 

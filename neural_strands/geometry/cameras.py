@@ -22,8 +22,8 @@ class Camera:
         width: image width in pixels.
         height: image height in pixels.
         name: name of the view, in messages and files.
-        world_to_room: rigid transform from world metres to those of the room, if the person, and the world with them,
-            moved in the room until this photograph was taken; None if both are the same.
+        world_to_room: rigid transform from world metres to those of the room, if the person, who carries the world
+            along, had moved when this photograph was taken; None if both are the same.
 
     Examples:
         >>> import torch
@@ -121,7 +121,7 @@ class Camera:
         )
 
     def in_room(self) -> "Camera":
-        """The camera relative to the room, which what stands still is seen with."""
+        """The camera relative to the room, for what does not move with the person."""
         if self.world_to_room is None:
             return self
         pose = self.world_to_camera @ rigid_inverse(self.world_to_room)

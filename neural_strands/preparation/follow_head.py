@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, UInt8
 
 from neural_strands.foundation.npz import ArraySpec, read_npz
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
@@ -25,23 +25,28 @@ BEHIND, RADIUS = 0.08, 0.22
 """Distance of the head's middle behind the face, and of points on the head from it at most, metres."""
 BELOW = 0.03
 """Depth below the chin to which points belong to the head, metres."""
-PERSON = 127
-"""Value of a person mask (of 255) above which a pixel shows the person."""
+PERSON_SURE = 127
+"""Value of a person mask (of 255) above which features count as the person's."""
 FEWEST, PER_VIEW = 100, 20
 """Fewest points of the head that tell its motion, and fewest sightings of them in a photograph on average."""
 
 
 @dataclass(frozen=True)
 class HeadMotion:
-    """How a head moved, and the points on it.
+    """How a head moved.
 
     Attributes:
-        motion: where it was in each photograph.
-        points: on the head, in the cameras' frame.
+        motion: where it was in each photograph, and the points on it.
+        colour: of these points, sRGB in [0, 255].
     """
 
     motion: Motion
-    points: SparsePoints
+    colour: UInt8[np.ndarray, "point 3"]
+
+    @property
+    def points(self) -> SparsePoints:
+        """The points on the head."""
+        return SparsePoints(self.motion.position, self.colour)
 
     def followed(self, calibration: Calibration) -> Calibration:
         """The cameras relative to the head, with its points alone."""
@@ -65,7 +70,7 @@ class HeadMotion:
         specs = (ArraySpec("turn", f"{cameras} 3"), ArraySpec("shift", f"{cameras} 3"), ArraySpec("middle", "3"))
         arrays = read_npz(folder / FILE, "the motion of a head", specs, ADVICE)
         points = SparsePoints.load(folder)
-        return cls(Motion(arrays["turn"], arrays["shift"], points.position, arrays["middle"]), points)
+        return cls(Motion(arrays["turn"], arrays["shift"], points.position, arrays["middle"]), points.colour)
 
 
 def follow_head(
@@ -102,7 +107,7 @@ def follow_head(
 
     def person(number: int) -> Bool[np.ndarray, "height width"] | None:
         camera, file = calibration.cameras[number], people[number]
-        return None if file is None else read_mask(file, (camera.width, camera.height)) > PERSON
+        return None if file is None else read_mask(file, (camera.width, camera.height)) > PERSON_SURE
 
     tracks, colour = head_tracks(read_model(model), calibration.cameras, person, on_head)
     if len(tracks.position) < FEWEST or len(tracks.camera) < PER_VIEW * len(calibration.cameras):
@@ -112,4 +117,4 @@ def follow_head(
     turn = np.degrees(np.sqrt((motion.turn**2).sum(axis=1).mean()))
     shift = 1000 * float(to_head.scale) * np.sqrt((motion.shift**2).sum(axis=1).mean())
     say(f"The head moved by {shift:.1f} mm and {turn:.1f}° between photographs; cameras follow it.")
-    return HeadMotion(motion, SparsePoints(motion.position, colour))
+    return HeadMotion(motion, colour)

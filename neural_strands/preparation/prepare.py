@@ -35,7 +35,7 @@ from neural_strands.preparation.cameras.exposures import noticeable_exposures
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
-from neural_strands.preparation.follow_head import HeadMotion, follow_head
+from neural_strands.preparation.follow_head import PERSON_SURE, HeadMotion, follow_head
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
@@ -68,8 +68,6 @@ from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
 PERSON = "person"
-PERSON_SURE = 127
-"""Value of the person mask (of 255) above which features are used if the person turns."""
 VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 3, "masks": 3, "skull": 5}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 

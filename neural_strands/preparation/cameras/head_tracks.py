@@ -41,7 +41,8 @@ def head_tracks(
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     points = sorted(model.points3D)
     position = np.array([model.points3D[point].xyz for point in points], dtype=np.float64).reshape(-1, 3)
-    chosen = dict(zip(np.array(points)[near := on_head(position)].tolist(), range(int(near.sum())), strict=True))
+    near = np.flatnonzero(on_head(position)).tolist()
+    chosen = {points[index]: number for number, index in enumerate(near)}
     judged, agreeing = np.zeros((2, len(chosen)))
     for number, camera in enumerate(cameras):
         image = images[camera.name]
@@ -65,7 +66,7 @@ def head_tracks(
     renumbered = np.full(len(chosen), -1)
     renumbered[kept] = np.arange(len(kept))
     taken = renumbered[point_of] >= 0
-    numbers = np.array(list(chosen), dtype=np.int64)[kept]
-    colour = np.array([model.points3D[number].color for number in numbers.tolist()], dtype=np.uint8).reshape(-1, 3)
+    names = [points[near[number]] for number in kept.tolist()]
+    colour = np.array([model.points3D[name].color for name in names], dtype=np.uint8).reshape(-1, 3)
     tracks = Tracks(position[near][kept], camera_of[taken], renumbered[point_of[taken]], pixels[taken])
     return tracks, colour
