@@ -10,25 +10,34 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.capture.lens import Lens
-from neural_strands.capture.view_files import ViewFiles, find_mask, rigid, undistorted_intrinsics
-from neural_strands.capture.writer import WORLD_TO_ROOM
+from neural_strands.capture.view_files import (
+    FARTHEST,
+    TORSO,
+    WORLD_TO_ROOM,
+    ViewFiles,
+    find_mask,
+    rigid,
+    undistorted_intrinsics,
+)
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.json_files import JsonValue, read_json
-from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.cameras import Camera, TorsoMotion
 
 MODELS = ("OPENCV", "PINHOLE", "RADIAL", "SIMPLE_PINHOLE", "SIMPLE_RADIAL")
 """Lens models whose parameters are a subset of fl_x, fl_y, cx, cy, k1, k2, k3, p1, p2."""
 LARGEST_SIDE = 65_535
 """Largest side of an image, pixels."""
+SHORTEST_NECK = 1e-4
+"""Least distance of the ends of a neck, metres."""
 
 
 def read_transforms(path: Path) -> tuple[ViewFiles, ...]:
     """Read every frame of a `transforms.json`, in the order of the file.
 
     Intrinsics are given at the top level or in a frame, which takes precedence. `mask_path` of a frame is its hair mask
-    and `person_mask_path` its person mask; without them, `masks/` and `person_masks/` are searched. `world_to_room`, if
-    there is one, says how the person had moved (`Camera.world_to_room`).
+    and `person_mask_path` its person mask; without them, `masks/` and `person_masks/` are searched. `world_to_room`
+    and `torso`, if there are any, say how the person had moved (`Camera`).
 
     Raises:
         InputError: the file is not JSON, or a key is missing or has a wrong value.
@@ -51,6 +60,9 @@ def _view(folder: Path, frame: JsonValue, image_path: Path, name: str, shared: d
     room = frame.optional(WORLD_TO_ROOM)
     if room is not None:
         camera = replace(camera, world_to_room=_pose(frame, room))
+    torso = frame.optional(TORSO)
+    if torso is not None:
+        camera = replace(camera, torso=_torso(torso))
     return ViewFiles(
         camera,
         lens,
@@ -66,6 +78,14 @@ def _pose(frame: JsonValue, written: JsonValue) -> Float[Tensor, "4 4"]:
         raise written.refuse("a matrix of 4 x 4 numbers")
     pose = torch.from_numpy(np.vstack([rows[:3], [0.0, 0.0, 0.0, 1.0]]))
     return rigid(pose, f"{frame.source}: {frame.place}").float()
+
+
+def _torso(written: JsonValue) -> TorsoMotion:
+    neck = written.member("neck")
+    ends = torch.from_numpy(neck.array(2, 3)).float()
+    if not SHORTEST_NECK < float((ends[1] - ends[0]).norm()) < FARTHEST:
+        raise neck.refuse("two different points")
+    return TorsoMotion(_pose(written, written.member("motion")), ends)
 
 
 def _image_path(folder: Path, name: str) -> Path:

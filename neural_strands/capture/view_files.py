@@ -13,6 +13,8 @@ from neural_strands.geometry.cameras import Camera
 
 ROTATION_TOLERANCE = 1e-2
 """Largest deviation of a stored rotation from an orthonormal one (exports round to a few digits)."""
+WORLD_TO_ROOM, TORSO = "world_to_room", "torso"
+"""Keys of a frame in `transforms.json` for the motion of the person (`Camera`)."""
 FARTHEST = 1e6
 """Largest distance of a camera from the origin; more is garbage in any unit."""
 

@@ -8,12 +8,14 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int16, Int64
 from torch import Tensor
 
+from neural_strands.capture.view_files import TORSO, WORLD_TO_ROOM
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.files import atomic_file, write_json
 from neural_strands.geometry.cameras import Camera
@@ -23,8 +25,6 @@ from neural_strands.pictures.encoding import Picture, write_png
 
 IMAGES, HAIR_MASKS, PERSON_MASKS = "images", "masks", "person_masks"
 """Folders of the photographs, of the coverage of hair, and of the coverage of the whole person."""
-WORLD_TO_ROOM = "world_to_room"
-"""Key of a frame for `Camera.world_to_room`."""
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Suffixes with which a camera's name is already a file name; other names get ".png" appended."""
 UNIT = 1e-5
@@ -178,10 +178,14 @@ def _lens(camera: Camera) -> dict[str, int | float]:
     return {"w": camera.width, "h": camera.height, "fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy}
 
 
-def _poses(camera: Camera) -> dict[str, list[list[float]]]:
-    """The pose, and how the person had moved if they had; nerfstudio has no key for that."""
-    room = {} if camera.world_to_room is None else {WORLD_TO_ROOM: camera.world_to_room.tolist()}
-    return {"transform_matrix": camera.opengl_camera_to_world.tolist()} | room
+def _poses(camera: Camera) -> dict[str, Any]:
+    """The pose, and how the person had moved if they had; nerfstudio has no keys for that."""
+    poses: dict[str, Any] = {"transform_matrix": camera.opengl_camera_to_world.tolist()}
+    if camera.world_to_room is not None:
+        poses[WORLD_TO_ROOM] = camera.world_to_room.tolist()
+    if camera.torso is not None:
+        poses[TORSO] = {"motion": camera.torso.motion.tolist(), "neck": camera.torso.neck.tolist()}
+    return poses
 
 
 def _obj_lines(mesh: Mesh) -> Iterable[str]:

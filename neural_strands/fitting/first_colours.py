@@ -29,7 +29,7 @@ from neural_strands.model.surround.hidden_skin import extend_over_mesh
 from neural_strands.raster.dilation import widen
 from neural_strands.raster.face_atlas import FaceAtlas
 from neural_strands.raster.texture import blur_texture, sample_texture
-from neural_strands.raster.triangles import TriangleBuffer, rasterise_triangles
+from neural_strands.raster.triangles import TriangleBuffer
 from neural_strands.raster.visible import visible_points
 
 TINY = 1e-6
@@ -126,7 +126,7 @@ def _body(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -
     sums, weights = torch.zeros_like(colours), torch.zeros_like(colours)
     for target in targets:
         hair, light = _hair(model, strands, target), to_linear(target.image)
-        seen = rasterise_triangles(model.body.vertices, model.body.faces, target.camera)
+        seen = model.body.draw(target.camera)
         shown = model.body(target.camera, seen).colour
         surround = surround_weights(target, hair)
         share = (1 - hair) if surround is None else surround.body * (1 - hair)
@@ -165,7 +165,7 @@ def _background_share(model: HairModel, strands: Strands, target: View) -> Float
     hair = _hair(model, strands, target)
     surround = surround_weights(target, hair)
     if surround is None:
-        bare = rasterise_triangles(model.body.vertices, model.body.faces, target.camera).face < 0
+        bare = model.body.draw(target.camera).face < 0
         share = torch.where(bare & (hair < BESIDE), 1 - hair, 0.0)
     else:
         share = surround.background

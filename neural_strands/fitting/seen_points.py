@@ -10,7 +10,6 @@ from torch import Tensor
 from neural_strands.geometry.cameras import Camera
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.raster.triangles import rasterise_triangles
 
 
 @torch.no_grad()
@@ -29,7 +28,7 @@ def front_segments(
         body: depth of the body in this view, if the caller has it already.
     """
     if body is None:
-        body = rasterise_triangles(model.body.vertices, model.body.faces, camera).depth
+        body = model.body.draw(camera).depth
     return rasterise_lines(strands, camera, body, replace(model.lines, width=0.0)).segment
 
 

@@ -16,7 +16,6 @@ from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.lines import rasterise_lines
-from neural_strands.raster.triangles import rasterise_triangles
 
 WIDTHS = tuple(1e-4 * 2 ** (step / 2) for step in range(-1, 7))
 """Widths tried first, metres: 0.07 to 0.8 mm."""
@@ -45,7 +44,7 @@ def estimate_width(model: HairModel, strands: Strands, targets: Views | Sequence
         return model.strand_width
     factor = model.config.supersample
     fine = [t.camera.resized(t.camera.width * factor, t.camera.height * factor) for t, _ in masked]
-    hidden_by = [rasterise_triangles(model.body.vertices, model.body.faces, camera).depth for camera in fine]
+    hidden_by = [model.body.draw(camera).depth for camera in fine]
 
     def misfit(width: float) -> float:
         lines, total = replace(model.lines, width=width), 0.0

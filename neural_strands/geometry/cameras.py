@@ -7,9 +7,35 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.devices.transfers import sent
+from neural_strands.foundation.smoothstep import smoothstep
 
 OPENGL_TO_OPENCV = (1.0, -1.0, -1.0, 1.0)
 """Diagonal that converts OpenGL camera axes (y up, z backward) to OpenCV's and back."""
+
+
+@dataclass(frozen=True)
+class TorsoMotion:
+    """How a person's torso had moved, relative to the head, when a photograph was taken.
+
+    Attributes:
+        motion: rigid transform from where the torso lies in the world to where it was.
+        neck: upper and lower end of the neck's axis; what lies above the one stays with the head, and what lies below
+            the other moves with the torso.
+    """
+
+    motion: Float[Tensor, "4 4"]
+    neck: Float[Tensor, "2 3"]
+
+    def moved(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Points of the body where they were; linear blend skinning along the neck."""
+        axis = self.neck[1] - self.neck[0]
+        share = smoothstep((points - self.neck[0]) @ axis / (axis @ axis))[..., None]
+        carried = points @ self.motion[:3, :3].T + self.motion[:3, 3]
+        return torch.lerp(points, carried, share)
+
+    def to(self, device: torch.device | str) -> "TorsoMotion":
+        """Move both to `device`."""
+        return TorsoMotion(sent(self.motion, device), sent(self.neck, device))
 
 
 @dataclass(frozen=True)
@@ -24,6 +50,7 @@ class Camera:
         name: name of the view, in messages and files.
         world_to_room: rigid transform from world metres to those of the room, if the person, who carries the world
             along, had moved when this photograph was taken; None if both are the same.
+        torso: how the person's torso had moved relative to the head, which carries the world along; None if it had not.
 
     Examples:
         >>> import torch
@@ -40,6 +67,7 @@ class Camera:
     height: int
     name: str = ""
     world_to_room: Float[Tensor, "4 4"] | None = None
+    torso: TorsoMotion | None = None
 
     @classmethod
     def from_opengl(
@@ -118,6 +146,7 @@ class Camera:
             intrinsics=sent(self.intrinsics, device),
             world_to_camera=sent(self.world_to_camera, device),
             world_to_room=room,
+            torso=None if self.torso is None else self.torso.to(device),
         )
 
     def in_room(self) -> "Camera":
@@ -125,7 +154,7 @@ class Camera:
         if self.world_to_room is None:
             return self
         pose = self.world_to_camera @ rigid_inverse(self.world_to_room)
-        return replace(self, world_to_camera=pose, world_to_room=None)
+        return replace(self, world_to_camera=pose, world_to_room=None, torso=None)
 
     def transform(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """World metres to camera metres."""

@@ -45,7 +45,6 @@ from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.nodes import visible_nodes
 from neural_strands.raster.openings import openings
 from neural_strands.raster.splat import SplatMap, splat_pyramid
-from neural_strands.raster.triangles import rasterise_triangles
 from neural_strands.raster.visible import Room, VisiblePoints, interpolate_knots, visible_points
 from neural_strands.scalp.roots import Roots
 
@@ -172,7 +171,7 @@ class HairModel(nn.Module):
         factor = self.config.supersample
         camera = camera.to(self.root_uv.device)
         fine = camera.resized(camera.width * factor, camera.height * factor)
-        body = rasterise_triangles(self.body.vertices, self.body.faces, fine)
+        body = self.body.draw(fine)
         return Drawing(body, rasterise_lines(strands.points, fine, body.depth, self.lines, strands.t))
 
     def render(

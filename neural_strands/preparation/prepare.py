@@ -7,7 +7,7 @@ model         COLMAP's model (not with given cameras)
 cameras       undistorted pictures and their cameras
 face          faces in each picture, and masks of the person
 template      the template's landmarks
-motion        how the head moved between the photographs (not with given cameras)
+motion        how head and torso moved between the photographs (not with given cameras)
 head          scale, frame, and the head in them, fitted to landmarks and outlines
 masks         hair
 skull         the head, raised to the hair if it lies too low, with shoulders where photographs agree
@@ -35,7 +35,7 @@ from neural_strands.preparation.cameras.exposures import noticeable_exposures
 from neural_strands.preparation.cameras.given import by_name, read_upright_cameras
 from neural_strands.preparation.cameras.register import match_photographs, register
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
-from neural_strands.preparation.follow_head import PERSON_SURE, HeadMotion, follow_head
+from neural_strands.preparation.follow_person import PERSON_SURE, PersonMotion, follow_person
 from neural_strands.preparation.head.builtin import STORED, builtin_template
 from neural_strands.preparation.head.fit import FittedHead, fit_head
 from neural_strands.preparation.head.place import cameras_in_world
@@ -68,7 +68,7 @@ from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
 PERSON = "person"
-VERSIONS = {"photographs": 3, "model": 2, "template": 3, "head": 3, "masks": 3, "skull": 5}
+VERSIONS = {"photographs": 3, "model": 2, "template": 3, "motion": 2, "head": 3, "masks": 3, "skull": 5}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 
@@ -117,7 +117,7 @@ def _all_stages(request: PrepareRequest, source: Source, say: Callable[[str], No
     template = run.template()
     if model is not None:
         cameras = run.motion(model, cameras, calibration, face, template, people)
-        motion = HeadMotion.load(cameras.folder, len(calibration.cameras))
+        motion = PersonMotion.load(cameras.folder, len(calibration.cameras))
         calibration = calibration if motion is None else motion.followed(calibration)
     outlines = edits.chosen(PERSON_MASKS, people)
     head = run.head(cameras, calibration, face, template, outlines)
@@ -259,13 +259,13 @@ class _Run:
         template: Stage,
         people: Sequence[Path | None],
     ) -> Stage:
-        """How the head moved, which may be unknown; takes the place of the stage of the cameras."""
+        """How the person moved, which may be unknown; takes the place of the stage of the cameras."""
         stages = {"model": model, "cameras": cameras, "face": face, "template": template}
 
         def work(out: Path) -> None:
             faces = read_faces(face.folder, [picture.name for picture in calibration.pictures])
             loaded = Template.load(template.folder)
-            found = follow_head(model.folder, calibration, faces, people, loaded, self.say)
+            found = follow_person(model.folder, calibration, faces, people, loaded, self.say)
             if found is not None:
                 found.save(out)
 

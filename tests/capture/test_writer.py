@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.writer import UNIT, CaptureWriter, quantised
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.cameras import Camera, TorsoMotion
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.strands import Strands
 from neural_strands.scalp.head_file import read_head_file
@@ -200,14 +200,19 @@ def test_the_motion_of_the_person_comes_back(tmp_path):
     motion = torch.eye(4)
     motion[:3, :3] = camera("a", 0.01).rotation
     motion[:3, 3] = torch.tensor([0.001, -0.002, 0.003])
-    cameras = [camera("a.png", world_to_room=motion), camera("b.png", 0.5)]
+    torso = TorsoMotion(motion, torch.tensor([[0.0, -0.1, 0.01], [0.0, -0.16, 0.02]]))
+    cameras = [camera("a.png", world_to_room=motion, torso=torso), camera("b.png", 0.5)]
     for one in cameras:
         CaptureWriter(tmp_path).write_view(one, samples(0, (3,)))
     CaptureWriter(tmp_path).finish(cameras)
     moved, still = Capture.load(tmp_path).cameras
     assert moved.world_to_room is not None
-    torch.testing.assert_close(moved.world_to_room, motion, atol=1e-6, rtol=0)
+    assert moved.torso is not None
+    for found in (moved.world_to_room, moved.torso.motion):
+        torch.testing.assert_close(found, motion, atol=1e-6, rtol=0)
+    assert torch.equal(moved.torso.neck, torso.neck)
     assert still.world_to_room is None
+    assert still.torso is None
 
 
 def test_a_motion_that_scales_is_refused(tmp_path):
@@ -216,4 +221,13 @@ def test_a_motion_that_scales_is_refused(tmp_path):
         CaptureWriter(tmp_path).write_view(one, samples(0, (3,)))
     CaptureWriter(tmp_path).finish(cameras)
     with pytest.raises(InputError, match="expected a rigid camera pose"):
+        Capture.load(tmp_path)
+
+
+def test_a_neck_without_length_is_refused(tmp_path):
+    cameras = [camera("a.png", torso=TorsoMotion(torch.eye(4), torch.ones(2, 3))), camera("b.png", 0.5)]
+    for one in cameras:
+        CaptureWriter(tmp_path).write_view(one, samples(0, (3,)))
+    CaptureWriter(tmp_path).finish(cameras)
+    with pytest.raises(InputError, match="neck: expected two different points"):
         Capture.load(tmp_path)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from neural_strands.geometry.cameras import Camera, pinhole, quaternion_to_matrix, rigid_inverse
+from neural_strands.geometry.cameras import Camera, TorsoMotion, pinhole, quaternion_to_matrix, rigid_inverse
 
 
 def posed(generator: torch.Generator) -> Camera:
@@ -132,3 +132,20 @@ def test_the_room_is_seen_where_it_stands(generator: torch.Generator):
     assert camera.in_room().world_to_room is None
     still = posed(generator)
     assert still.in_room() is still
+
+
+def test_the_torso_moves_and_the_head_stays(generator: torch.Generator):
+    motion = posed(generator).world_to_camera
+    neck = torch.tensor([[0.0, -0.1, 0.0], [0.0, -0.2, 0.1]], dtype=torch.float64)
+    torso, axis = TorsoMotion(motion, neck), neck[1] - neck[0]
+    across = torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]], dtype=torch.float64)  # at right angles to the axis
+    along = torch.tensor([-1.0, 0.0, 0.5, 1.0, 3.0], dtype=torch.float64)
+    aside = torch.randn(len(along), 2, generator=generator, dtype=torch.float64) @ across
+    points = neck[0] + along[:, None] * axis + aside
+    carried = points @ motion[:3, :3].T + motion[:3, 3]
+    half = (points[2] + carried[2]) / 2
+    expected = torch.stack([points[0], points[1], half, carried[3], carried[4]])
+    torch.testing.assert_close(torso.moved(points), expected)
+    camera = replace(posed(generator), torso=torso, world_to_room=motion)
+    assert camera.in_room().torso is None
+    assert camera.resized(8, 8).torso is torso

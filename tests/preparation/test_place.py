@@ -9,6 +9,7 @@ import torch
 from synthetic_face import arc, face_points, images_of
 
 from neural_strands.foundation.errors import InputError
+from neural_strands.geometry.cameras import TorsoMotion
 from neural_strands.preparation.face.triangulate import triangulate_face
 from neural_strands.preparation.head.place import cameras_in_world, place, world_frame
 from neural_strands.preparation.head.template import Template
@@ -71,14 +72,20 @@ def test_too_few_landmarks_are_refused():
         place(template(bare), face)
 
 
-def test_the_room_stays_where_it_is_after_the_world_is_moved():
+def test_room_and_torso_stay_where_they_are_after_the_world_is_moved():
     true, random = turned(), torch.Generator().manual_seed(0)
     motion = torch.eye(4)
     motion[:3, :3] = turned().rotation.float().T
     motion[:3, 3] = torch.tensor([0.05, 0.02, -0.03])
-    cameras = [replace(camera, world_to_room=motion) for camera in arc(3)]
+    torso = TorsoMotion(motion, torch.tensor([[0.0, -0.1, 0.0], [0.02, -0.5, 0.1]]))
+    cameras = [replace(camera, world_to_room=motion, torso=torso) for camera in arc(3)]
     points = torch.randn(20, 3, generator=random)
+    in_world = true.apply(points.double()).float()
     for before, after in zip(cameras, cameras_in_world(cameras, true), strict=True):
         here, _ = before.in_room().project(points)
-        there, _ = after.in_room().project(true.apply(points.double()).float())
+        there, _ = after.in_room().project(in_world)
+        torch.testing.assert_close(here, there, atol=2e-2, rtol=1e-4)
+        assert after.torso is not None
+        here, _ = before.project(torso.moved(points))
+        there, _ = after.project(after.torso.moved(in_world))
         torch.testing.assert_close(here, there, atol=2e-2, rtol=1e-4)

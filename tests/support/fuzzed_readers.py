@@ -37,7 +37,7 @@ from neural_strands.editing.settings import Density, Haircut
 from neural_strands.evaluation.rendered_files import read_rendering
 from neural_strands.evaluation.score_files import read_oriented_points
 from neural_strands.fitting.config import FitConfig, read_fit_config
-from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.cameras import Camera, TorsoMotion
 from neural_strands.grooms.groom import Groom
 from neural_strands.grooms.io import read_groom, write_groom
 from neural_strands.grooms.tfx_text import write_tfx_text
@@ -48,11 +48,11 @@ from neural_strands.model.networks import SHIPPED as SHIPPED_NETWORKS
 from neural_strands.model.networks import read_networks
 from neural_strands.preparation.cameras.calibration import Calibration, SparsePoints
 from neural_strands.preparation.cameras.exposures import EXPOSURES, noticeable_exposures, write_exposures
-from neural_strands.preparation.cameras.head_motion import Motion
 from neural_strands.preparation.cameras.metashape import read_metashape
+from neural_strands.preparation.cameras.motion import Motion
 from neural_strands.preparation.cameras.reality_capture import COLUMNS, read_reality_capture
 from neural_strands.preparation.face.files import read_faces, read_marks, write_faces
-from neural_strands.preparation.follow_head import HeadMotion
+from neural_strands.preparation.follow_person import PersonMotion
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.flame import read_flame
 from neural_strands.preparation.head.template import Template
@@ -161,7 +161,8 @@ def _write_preparation(folder: Path) -> None:
     frame = Similarity(0.4, torch.eye(3).double(), torch.zeros(3).double())
     FittedHead(head, torch.zeros(478, 3), frame, {"views_with_face": 3}).save(folder / "head")
     still = np.zeros((3, 3))
-    HeadMotion(Motion(still, still, still, still[0]), still.astype(np.uint8)).save(folder / "head")
+    torso = TorsoMotion(torch.eye(4), torch.eye(3)[:2])
+    PersonMotion(Motion(still, still, still, still[0]), still.astype(np.uint8), (torso,) * 3).save(folder / "head")
     write_votes(folder / "head", np.linspace(0, 1, len(ball.mesh.vertices)))
     run_stage(folder / "stage", STAGE_INPUTS, lambda _: None)
     write_masks(folder)
@@ -364,7 +365,8 @@ READERS = (
     FuzzedReader("stage template", "preparation/template/template.npz", lambda path: Template.load(path.parent)),
     FuzzedReader("stage head", "preparation/head/head.npz", _fitted),
     FuzzedReader("stage figures", "preparation/head/figures.json", _fitted),
-    FuzzedReader("stage motion", "preparation/head/motion.npz", lambda path: HeadMotion.load(path.parent, 3)),
+    FuzzedReader("stage motion", "preparation/head/motion.npz", lambda path: PersonMotion.load(path.parent, 3)),
+    FuzzedReader("stage torso", "preparation/head/torso.npz", lambda path: PersonMotion.load(path.parent, 3)),
     FuzzedReader("stage masks", f"preparation/head/{VOTES}", lambda path: read_votes(path.parent, BALL_VERTICES)),
     FuzzedReader("stage record", "preparation/stage/inputs.json", _stage_record),
     FuzzedReader("written masks", f"preparation/{WRITTEN_MASKS}", _written_masks),

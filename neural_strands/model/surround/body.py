@@ -97,6 +97,11 @@ class Body(nn.Module):
         total = self.colour.new_zeros(len(self.vertices), 3).index_add(0, corners, at_corners)
         return total / torch.bincount(corners, minlength=len(total)).clamp(min=1)[:, None]
 
+    def draw(self, camera: Camera) -> TriangleBuffer:
+        """Rasterise the mesh, its torso as it was when the camera took its photograph."""
+        vertices = self.vertices if camera.torso is None else camera.torso.moved(self.vertices)
+        return rasterise_triangles(vertices, self.faces, camera)
+
     def forward(
         self, camera: Camera, seen: TriangleBuffer | None = None, change: SkinChange | None = None
     ) -> BodyImage:
@@ -107,7 +112,7 @@ class Body(nn.Module):
             seen: the rasterised mesh, if the caller has it already.
             change: how the colours differ from the learned ones, if they do.
         """
-        seen = seen or rasterise_triangles(self.vertices, self.faces, camera)
+        seen = seen or self.draw(camera)
         colour, covered = self.colours(seen, change=change), (seen.face >= 0).to(self.colour.dtype)
         return BodyImage(colour, covered, seen.depth)
 

@@ -14,6 +14,7 @@ import numpy as np
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.cameras import Camera
 from neural_strands.preparation.face.topology import INTERIOR
+from neural_strands.preparation.robust import geman_mcclure
 
 PROPOSALS = 600
 """Largest number of pairs of views that propose a face."""
@@ -189,7 +190,7 @@ def _refined(projections: np.ndarray, pixels: np.ndarray, chosen: np.ndarray) ->
         image, depth = project(projections, points)
         squared = ((image - pixels) ** 2).sum(axis=-1)
         # Divide by depth, because the linear equations weight residuals in pixels by it.
-        robust = (1.0 + np.nan_to_num(squared) / scale**2) ** -2
+        robust = geman_mcclure(np.nan_to_num(squared) / scale**2)
         weights = robust / (scale * np.maximum(np.abs(np.nan_to_num(depth, nan=1.0)), 1e-12)) ** 2
     error = np.sqrt(squared)
     return TriangulatedFace(

@@ -20,6 +20,7 @@ from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.head.interpolation import attached, interpolation
 from neural_strands.preparation.head.laplacian import factorised, laplacian
 from neural_strands.preparation.head.template import Template
+from neural_strands.preparation.robust import geman_mcclure
 
 BEND = 2.5e-4
 """Expected size of the displacement's Laplacian (mean of the neighbours less the vertex), metres."""
@@ -78,8 +79,8 @@ def deform(template: Template, evidence: Evidence) -> Template:
         right = anchors.T @ (weight[:, None] * (target[known] - anchors @ start)) + outside.T @ goal
         moved = _solve(system, right, *_skin_rows(current, evidence, start))
         gap = np.linalg.norm(anchors @ (start + moved) - target[known], axis=1)
-        # Geman-McClure weights: landmarks that no smooth deformation reaches have slipped.
-        weight = (1.0 + gap**2 / (9.0 * variance)) ** -2 / variance
+        # Landmarks that no smooth deformation reaches have slipped.
+        weight = geman_mcclure(gap**2 / (9.0 * variance)) / variance
     mesh = replace(rest, vertices=torch.from_numpy(start + moved).float())
     landmarks = template.landmarks.clone()
     every = torch.isfinite(landmarks).all(dim=1)

@@ -13,10 +13,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from neural_strands.foundation.errors import InputError
-from neural_strands.geometry.cameras import Camera
+from neural_strands.geometry.cameras import Camera, TorsoMotion
 from neural_strands.preparation.face.topology import INTERIOR
 from neural_strands.preparation.face.triangulate import TriangulatedFace
 from neural_strands.preparation.head.template import Template
+from neural_strands.preparation.robust import geman_mcclure
 from neural_strands.scalp.fit_similarity import Similarity, umeyama
 
 FEWEST = 8
@@ -63,8 +64,7 @@ def place(template: Template, face: TriangulatedFace) -> Placement:
     gap = _gap(fit, source, target)
     for _ in range(ROUNDS):
         variance = LIKENESS**2 + spread**2 + (error / fit.scale) ** 2
-        # Geman-McClure weights.
-        fit = umeyama(source, target, (1.0 + gap**2 / variance) ** -2 / variance)
+        fit = umeyama(source, target, geman_mcclure(gap**2 / variance) / variance)
         gap = _gap(fit, source, target)
     return Placement(fit, float(np.median(gap)), len(source))
 
@@ -88,6 +88,7 @@ def cameras_in_world(cameras: Sequence[Camera], frame: Similarity) -> tuple[Came
             camera,
             world_to_camera=_moved(camera.world_to_camera, frame),
             world_to_room=None if camera.world_to_room is None else _in_world(camera.world_to_room, frame),
+            torso=None if camera.torso is None else _torso_in_world(camera.torso, frame),
         )
         for camera in cameras
     )
@@ -108,3 +109,7 @@ def _in_world(motion: Float[Tensor, "4 4"], frame: Similarity) -> Float[Tensor, 
     moved[:3, :3] = rotation @ turned[:3, :3]
     moved[:3, 3] = rotation @ turned[:3, 3] + frame.translation.double()
     return moved.float()
+
+
+def _torso_in_world(torso: TorsoMotion, frame: Similarity) -> TorsoMotion:
+    return TorsoMotion(_in_world(torso.motion, frame), frame.apply(torso.neck.double()).float())

@@ -19,6 +19,7 @@ from neural_strands.preparation.face.topology import NAMED
 from neural_strands.preparation.head.outline import Outline
 from neural_strands.preparation.head.shoulders import TIP, Shoulders, movements, with_shoulders
 from neural_strands.preparation.head.template import Template
+from neural_strands.preparation.robust import geman_mcclure
 
 SPREAD = (0.08, 0.15, 0.025, 0.02)
 """Expected sizes of a person's differences from the template: breadth, depth, rise and forward of `Shoulders`. Those of
@@ -62,8 +63,7 @@ def fit_shoulders(
         system, right = torch.diag(torch.tensor(SPREAD) ** -2), torch.zeros(len(SPREAD))
         for view in views:
             gap, slope = _gaps(view, current, moved)
-            # Geman-McClure weights, as in `deform`.
-            weight = (1.0 + (gap / error) ** 2) ** -2 / error**2 * min(1.0, VIEW_POINTS / max(len(gap), 1))
+            weight = geman_mcclure((gap / error) ** 2) / error**2 * min(1.0, VIEW_POINTS / max(len(gap), 1))
             system = system + slope.T @ (weight[:, None] * slope)
             right = right + slope.T @ (weight * (slope @ sizes - gap))
         sizes = torch.linalg.solve(system, right)

@@ -29,6 +29,7 @@ from neural_strands.preparation.face.topology import NAMED
 from neural_strands.preparation.head.fit import FittedHead
 from neural_strands.preparation.head.laplacian import factorised, laplacian
 from neural_strands.preparation.head.shoulders import shoulder_share
+from neural_strands.preparation.robust import geman_mcclure
 from neural_strands.raster.dilation import widen
 from neural_strands.raster.texture import sample_picture
 
@@ -234,9 +235,9 @@ def _best(
 
 
 def _smooth_heights(smooth: sparse.spmatrix, height: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Heights that are smooth and near the given ones, of which strays count little (Geman-McClure weights)."""
+    """Heights that are smooth and near the given ones, of which strays count little."""
     counts, found = weight, np.zeros_like(height)
     for _ in range(ROUNDS):
         found = factorised(sparse.csc_matrix(smooth + sparse.diags(counts))).solve(counts * height)
-        counts = weight * (1.0 + ((found - height) / (STRAY * ERROR)) ** 2) ** -2
+        counts = weight * geman_mcclure(((found - height) / (STRAY * ERROR)) ** 2)
     return found

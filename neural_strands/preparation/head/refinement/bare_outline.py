@@ -24,6 +24,7 @@ from neural_strands.preparation.head.interpolation import attached
 from neural_strands.preparation.head.laplacian import factorised, laplacian
 from neural_strands.preparation.head.outline import Contour, Outline
 from neural_strands.preparation.head.shoulders import shoulder_share
+from neural_strands.preparation.robust import geman_mcclure
 from neural_strands.raster.dilation import widen
 
 SIDE = 320
@@ -149,8 +150,7 @@ def _outline_equations(
         across = (contour.away @ rotation[:2]).double().numpy()
         slope = sparse.csr_matrix(sparse.hstack([sparse.diags(across[:, axis]) @ at for axis in range(3)]))
         gap = contour.gap.double().numpy()
-        # Geman-McClure weights, as in `deform`.
-        weight = (1.0 + (gap / error) ** 2) ** -2 / error**2
+        weight = geman_mcclure((gap / error) ** 2) / error**2
         system = system + slope.T @ sparse.diags(weight) @ slope
         right = right + slope.T @ (weight * (slope @ now - gap))
     return system.tocsr(), right

@@ -1,9 +1,9 @@
-"""How a head moved between photographs, so that cameras are placed relative to it instead of to the room.
+"""How a part of the body moved between photographs.
 
 Cameras are found from everything that photographs show, mostly from the room, but people sway. This is a bundle
-adjustment (Triggs et al., Bundle Adjustment - A Modern Synthesis, 1999) of points on the head in which the head may
-turn and shift a little in each photograph. Points on a head alone hold cameras weakly: without an expectation of small
-motion, their arrangement would bend.
+adjustment (Triggs et al., Bundle Adjustment - A Modern Synthesis, 1999) of points on a head or a torso, which may turn
+and shift a little in each photograph. Such points alone hold cameras weakly: without an expectation of small motion,
+their arrangement would bend.
 """
 
 from collections.abc import Sequence
@@ -14,17 +14,29 @@ import torch
 from jaxtyping import Float64, Int64
 from scipy import sparse
 from scipy.spatial.transform import Rotation
+from torch import Tensor
 
 from neural_strands.geometry.cameras import Camera
 
-TURN, SHIFT = np.radians(0.3), 0.001
-"""Expected turn of the head about its middle, radians, and shift, metres, in a photograph."""
 NOISE = 1.0
 """Scale of the Cauchy weights of reprojection errors, pixels."""
 ROUNDS, ENOUGH = 30, 1e-5
 """Largest number of steps, and relative gain below which they end."""
 LEAST_DAMPING, MOST_DAMPING = 1e-7, 1e6
 """Bounds of the Levenberg-Marquardt damping."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Standard deviations of a motion.
+
+    Attributes:
+        turn: about the middle, radians.
+        shift: in the cameras' unit.
+    """
+
+    turn: float
+    shift: float
 
 
 @dataclass(frozen=True)
@@ -46,13 +58,13 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a head was in each photograph.
+    """Where a head or a torso was in each photograph.
 
     Attributes:
         turn: rotation vector about the middle, radians.
         shift: in the cameras' unit.
-        position: the points as they are on the head.
-        middle: of the head.
+        position: the points where they are if it has not moved.
+        middle: of the head or the torso.
     """
 
     turn: Float64[np.ndarray, "camera 3"]
@@ -60,17 +72,25 @@ class Motion:
     position: Float64[np.ndarray, "point 3"]
     middle: Float64[np.ndarray, "3"]
 
-    def followed(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
-        """The cameras relative to the head, which is the world."""
+    def transforms(self) -> Float64[Tensor, "camera 4 4"]:
+        """The motion as rigid transforms."""
         turned = Rotation.from_rotvec(self.turn).as_matrix()
+        moved = np.tile(np.eye(4), (len(turned), 1, 1))
+        moved[:, :3, :3], moved[:, :3, 3] = turned, self.middle + self.shift - turned @ self.middle
+        return torch.from_numpy(moved)
+
+    def followed(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+        """The cameras relative to a head that moved, which is the world."""
         moved = []
-        for camera, turn, shift in zip(cameras, turned, self.shift, strict=True):
-            motion = np.eye(4)
-            motion[:3, :3], motion[:3, 3] = turn, self.middle + shift - turn @ self.middle
-            pose = camera.world_to_camera.double() @ torch.from_numpy(motion)
-            room = torch.from_numpy(motion).to(camera.world_to_camera)
+        for camera, motion in zip(cameras, self.transforms(), strict=True):
+            pose, room = camera.world_to_camera.double() @ motion, motion.to(camera.world_to_camera)
             moved.append(replace(camera, world_to_camera=pose.to(room), world_to_room=room))
         return tuple(moved)
+
+    def size(self) -> tuple[float, float]:
+        """Root mean square of the turn, degrees, and of the shift, in the cameras' unit."""
+        turn, shift = (float(np.sqrt((each**2).sum(axis=1).mean())) for each in (self.turn, self.shift))
+        return float(np.degrees(turn)), shift
 
 
 @dataclass(frozen=True)
@@ -90,25 +110,25 @@ class _Lenses:
 
 
 def find_motion(
-    cameras: Sequence[Camera], tracks: Tracks, middle: Float64[np.ndarray, "3"], metres_per_unit: float
+    cameras: Sequence[Camera], tracks: Tracks, middle: Float64[np.ndarray, "3"], expected: Expected
 ) -> Motion:
-    """Find the most likely motion of a head, by Levenberg and Marquardt's method.
+    """Find the most likely motion of a head or a torso, by Levenberg and Marquardt's method.
 
     Args:
-        cameras: in any frame and unit, placed by what stands still.
-        tracks: points on the head.
-        middle: of the head.
-        metres_per_unit: of the cameras' frame; an estimate is enough.
+        cameras: in any frame and unit, placed by something else.
+        tracks: points on the head or the torso.
+        middle: of it.
+        expected: how far it may have moved.
     """
     lenses, still = _Lenses.of(cameras), np.zeros((len(cameras), 3))
     motion = Motion(still, still, tracks.position, middle)
-    expected = np.array([TURN] * 3 + [SHIFT / metres_per_unit] * 3)
-    cost, damping = _cost(lenses, tracks, motion, expected), 1e-4
+    deviation = np.array([expected.turn] * 3 + [expected.shift] * 3)
+    cost, damping = _cost(lenses, tracks, motion, deviation), 1e-4
     for _ in range(ROUNDS):
-        system, before = _normal_equations(lenses, tracks, motion, expected), cost
+        system, before = _normal_equations(lenses, tracks, motion, deviation), cost
         while damping < MOST_DAMPING:
             trial = _stepped(motion, system, damping)
-            cost = _cost(lenses, tracks, trial, expected)
+            cost = _cost(lenses, tracks, trial, deviation)
             if cost <= before:
                 motion = trial
                 break
@@ -142,13 +162,13 @@ def _errors(
     return seen - tracks.pixel, arm, place
 
 
-def _cost(lenses: _Lenses, tracks: Tracks, motion: Motion, expected: Float64[np.ndarray, "6"]) -> float:
+def _cost(lenses: _Lenses, tracks: Tracks, motion: Motion, deviation: Float64[np.ndarray, "6"]) -> float:
     error, _, _ = _errors(lenses, tracks, motion)
     robust = NOISE**2 * np.log1p((error**2).sum(axis=1) / NOISE**2).sum()
-    return float(robust + ((np.hstack([motion.turn, motion.shift]) / expected) ** 2).sum())
+    return float(robust + ((np.hstack([motion.turn, motion.shift]) / deviation) ** 2).sum())
 
 
-def _normal_equations(lenses: _Lenses, tracks: Tracks, motion: Motion, expected: Float64[np.ndarray, "6"]) -> _System:
+def _normal_equations(lenses: _Lenses, tracks: Tracks, motion: Motion, deviation: Float64[np.ndarray, "6"]) -> _System:
     error, arm, place = _errors(lenses, tracks, motion)
     weight = 1.0 / (1.0 + (error**2).sum(axis=1) / NOISE**2)
     near, focal, count = 1.0 / place[:, 2], lenses.focal[tracks.camera], len(error)
@@ -168,8 +188,8 @@ def _normal_equations(lenses: _Lenses, tracks: Tracks, motion: Motion, expected:
     np.add.at(points, tracks.point, weight[:, None, None] * by_point.transpose(0, 2, 1) @ by_point)
     np.add.at(camera_side, tracks.camera, -np.einsum("nki,nk->ni", weighted, error))
     np.add.at(point_side, tracks.point, -weight[:, None] * np.einsum("nki,nk->ni", by_point, error))
-    cameras[:, range(6), range(6)] += expected**-2
-    camera_side -= np.hstack([motion.turn, motion.shift]) / expected**2
+    cameras[:, range(6), range(6)] += deviation**-2
+    camera_side -= np.hstack([motion.turn, motion.shift]) / deviation**2
     row = 6 * tracks.camera[:, None, None] + np.arange(6)[:, None]
     column = 3 * tracks.point[:, None, None] + np.arange(3)
     blocks = weighted.transpose(0, 2, 1) @ by_point

@@ -1,4 +1,4 @@
-"""COLMAP's points on a head, and where the photographs show them."""
+"""COLMAP's points on a person, and where the photographs show them."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 
 from neural_strands.geometry.cameras import Camera
-from neural_strands.preparation.cameras.head_motion import Tracks
+from neural_strands.preparation.cameras.motion import Tracks
 
 if TYPE_CHECKING:
     import pycolmap
@@ -20,19 +20,19 @@ MOST = 5000
 """Largest number of points; those that most photographs show are taken."""
 
 
-def head_tracks(
+def person_tracks(
     model: "pycolmap.Reconstruction",
     cameras: Sequence[Camera],
     person: Callable[[int], Bool[np.ndarray, "height width"] | None],
-    on_head: Callable[[Float64[np.ndarray, "point 3"]], Bool[np.ndarray, " point"]],
+    chosen: Callable[[Float64[np.ndarray, "point 3"]], Bool[np.ndarray, " point"]],
 ) -> tuple[Tracks, UInt8[np.ndarray, "point 3"]]:
-    """Collect the points of a head.
+    """Collect the points of a part of the person.
 
     Args:
         model: COLMAP's.
         cameras: undistorted ones in the model's frame, named like its pictures.
         person: reads whether each pixel of a camera's undistorted picture shows the person; None if that is unknown.
-        on_head: tells which places, in the model's frame, may be on the head.
+        chosen: tells which places, in the model's frame, may be on that part.
 
     Returns:
         The points, in a fixed order, and their colours.
@@ -41,13 +41,13 @@ def head_tracks(
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     points = sorted(model.points3D)
     position = np.array([model.points3D[point].xyz for point in points], dtype=np.float64).reshape(-1, 3)
-    near = np.flatnonzero(on_head(position)).tolist()
-    chosen = {points[index]: number for number, index in enumerate(near)}
-    judged, agreeing = np.zeros((2, len(chosen)))
+    near = np.flatnonzero(chosen(position)).tolist()
+    numbers = {points[index]: number for number, index in enumerate(near)}
+    judged, agreeing = np.zeros((2, len(numbers)))
     for number, camera in enumerate(cameras):
         image = images[camera.name]
-        marks = [mark for mark in image.points2D if mark.has_point3D() and mark.point3D_id in chosen]
-        point = np.array([chosen[mark.point3D_id] for mark in marks], dtype=np.int64)
+        marks = [mark for mark in image.points2D if mark.has_point3D() and mark.point3D_id in numbers]
+        point = np.array([numbers[mark.point3D_id] for mark in marks], dtype=np.int64)
         seen = np.array([mark.xy for mark in marks], dtype=np.float64).reshape(-1, 2)
         plane = model.cameras[image.camera_id].cam_from_img(seen)
         matrix = camera.intrinsics.double().numpy()
@@ -60,10 +60,10 @@ def head_tracks(
             np.add.at(judged, point[inside], 1.0)
             np.add.at(agreeing, point[inside], shown[row[inside], column[inside]].astype(float))
     camera_of, point_of, pixels = (np.concatenate(part) for part in zip(*rows, strict=True))
-    count = np.bincount(point_of, minlength=len(chosen))
+    count = np.bincount(point_of, minlength=len(numbers))
     usable = (count >= SIGHTINGS) & (agreeing >= ON_PERSON * judged)
     kept = np.sort(np.argsort(-np.where(usable, count, 0), kind="stable")[: min(MOST, int(usable.sum()))])
-    renumbered = np.full(len(chosen), -1)
+    renumbered = np.full(len(numbers), -1)
     renumbered[kept] = np.arange(len(kept))
     taken = renumbered[point_of] >= 0
     names = [points[near[number]] for number in kept.tolist()]

@@ -1,0 +1,18 @@
+"""Robust weights for reweighted least squares: residuals far beyond their expected size count for nothing."""
+
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+Squares = TypeVar("Squares", Float[np.ndarray, "*size"], Float[Tensor, "*size"])
+
+
+def geman_mcclure(squared: Squares) -> Squares:
+    """Weights of residuals by the estimator of Geman and McClure: 1 for none, 1/4 at the expected size.
+
+    Args:
+        squared: squared residuals in units of their expected size.
+    """
+    return (1.0 + squared) ** -2
