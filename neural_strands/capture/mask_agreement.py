@@ -8,17 +8,12 @@ views have to show that a place is empty. Otherwise one is enough, because exact
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import torch
-from jaxtyping import Bool, Float
-from torch import Tensor
-
 from neural_strands.capture.capture import Capture
 from neural_strands.capture.mask_border import with_corrected_masks
-from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.mesh_queries import MeshIndex
 from neural_strands.geometry.views import Views
-from neural_strands.geometry.visual_hull import HeadView, Silhouette, head_distance, possible_points
+from neural_strands.geometry.visual_hull import HeadView, Silhouette, points_before_head, possible_points
 from neural_strands.raster.dilation import widen
 
 LONGEST_SIDE = 512
@@ -75,20 +70,9 @@ def share_without_room(views: Views, head: Mesh) -> float:
     for camera, mask in masks[:: max(1, -(-len(masks) // MOST_VIEWS))]:
         hair = (mask > MOST).nonzero().flip(1)
         rays = camera.rays(hair[:: max(1, len(hair) // PIXELS)].float() + 0.5)
-        points, counts = _along(camera, rays, middle, index)
+        points, counts = points_before_head(camera, rays, middle, index, STEP, REACH)
         room = possible_points(points.reshape(-1, 3), silhouettes).reshape(counts.shape) & counts
         judged = counts.any(dim=1)
         examined += int(judged.sum())
         missed += int((judged & ~room.any(dim=1)).sum())
     return missed / max(examined, 1)
-
-
-def _along(
-    camera: Camera, rays: Float[Tensor, "ray 3"], middle: Float[Tensor, "3"], head: MeshIndex
-) -> tuple[Float[Tensor, "ray step 3"], Bool[Tensor, "ray step"]]:
-    """Points along rays, and which of them lie within `REACH` of the middle of the head and before the head."""
-    far = float((middle - camera.position).norm())
-    distance = torch.arange(max(far - REACH, STEP), far + REACH, STEP)
-    points = camera.position + distance[:, None] * rays[:, None]
-    near = (points - middle).norm(dim=2) < REACH
-    return points, near & (distance < head_distance(camera, rays, head)[:, None])

@@ -72,6 +72,26 @@ def head_distance(camera: Camera, rays: Float[Tensor, "pixel 3"], head: MeshInde
     return head.ray_distance(camera.position, rays)
 
 
+def points_before_head(
+    camera: Camera, rays: Float[Tensor, "ray 3"], middle: Float[Tensor, "3"], head: MeshIndex, step: float, reach: float
+) -> tuple[Float[Tensor, "ray step 3"], Bool[Tensor, "ray step"]]:
+    """Points along rays, and which of them lie near the head and before it.
+
+    Args:
+        camera: where the rays begin.
+        rays: unit directions.
+        middle: of the head.
+        head: stops the rays.
+        step: distance between points, metres.
+        reach: distance from the middle up to which they are near, metres.
+    """
+    far = float((middle - camera.position).norm())
+    distance = torch.arange(max(far - reach, step), far + reach, step)
+    points = camera.position + distance[:, None] * rays[:, None]
+    near = (points - middle).norm(dim=2) < reach
+    return points, near & (distance < head_distance(camera, rays, head)[:, None])
+
+
 def possible_points(
     points: Float[Tensor, "point 3"], silhouettes: Iterable[Silhouette], witnesses: int = 1
 ) -> Bool[Tensor, " point"]:

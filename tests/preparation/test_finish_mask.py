@@ -5,17 +5,23 @@ import numpy as np
 import pytest
 
 from neural_strands.flow.hull import HullConfig
-from neural_strands.preparation.masks.finish import MARGIN, finish_mask
+from neural_strands.preparation.masks.finish import MARGIN, parts_of_hair, soft_mask
 
 FOOTPRINT = 0.001
 """One millimetre per pixel, so that the figures below are in millimetres."""
 CHIN = 150
 
 
-def finished(parts: np.ndarray, likely: float = 0.3) -> np.ndarray:
+def finished(parts: np.ndarray, likely: float = 0.3, agreed: float | None = None) -> np.ndarray:
     below = np.arange(len(parts))[:, None] >= CHIN
     prior = np.full(parts.shape, likely)
-    return finish_mask(parts.astype(np.float64), prior, below & np.ones_like(parts), FOOTPRINT, parts.shape[::-1])
+
+    def shares(_: np.ndarray, names: np.ndarray) -> np.ndarray:
+        return np.full(len(names), agreed)
+
+    judge = None if agreed is None else shares
+    hair = parts_of_hair(parts.astype(np.float64), prior, below & np.ones_like(parts), FOOTPRINT, judge)
+    return soft_mask(hair, parts.shape[::-1])
 
 
 def drawn(*boxes: tuple[int, int, int, int]) -> np.ndarray:
@@ -73,6 +79,21 @@ def test_a_small_part_below_the_chin_is_never_hair():
     mask = finished(hair | part, likely=0.9)
     assert (mask[hair] == 255).all()
     assert not mask[part].any()
+
+
+@pytest.mark.parametrize(
+    ("agreed", "likely", "kept"), [(0.8, 0.1, True), (0.1, 0.9, False), (0.45, 0.1, False), (0.45, 0.9, True)]
+)
+def test_what_other_views_agree_on_decides(agreed: float, likely: float, kept: bool):
+    hair, part = drawn((30, 140, 60, 180)), drawn((40, 60, 200, 220))
+    mask = finished(hair | part, likely, agreed)
+    assert (mask[hair] == 255).all()
+    assert bool((mask[part] == 255).all()) == kept
+
+
+def test_a_lock_of_its_own_below_the_chin_is_hair_if_others_agree():
+    hair, part = drawn((30, 140, 60, 180)), drawn((200, 240, 200, 230))
+    assert (finished(hair | part, agreed=0.8)[part] == 255).all()
 
 
 def test_no_hair_is_an_empty_mask():

@@ -4,11 +4,13 @@ A pixel is hair, the rest of the person, or background. The head determines wher
 of hair is one histogram over all views, initialised on the scalp above the forehead and beside the head. The look of
 clothes is another: that of everything below the chin, less the hair there. Each view has its own histograms of skin and
 background. A random walk aligns the border with edges. Then the views vote on each point of the head's surface, so that
-they agree on the hairline, the histograms are learned again from the result, and everything is repeated.
+they agree on the hairline, the histograms are learned again from the result, and everything is repeated. In the end,
+the views judge parts that are apart from the rest (`agreement.py`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -20,7 +22,8 @@ from neural_strands.foundation.image_files import image_size
 from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.looks import LookHistogram, look_cells
-from neural_strands.preparation.masks.finish import finish_mask
+from neural_strands.preparation.masks.agreement import WITNESSES, Agreement
+from neural_strands.preparation.masks.finish import parts_of_hair, soft_mask
 from neural_strands.preparation.masks.random_walk import random_walk
 from neural_strands.preparation.masks.zones import Ballot, Shown, ZonedHead
 from neural_strands.preparation.photographs.folder import read_mask, read_picture
@@ -129,15 +132,15 @@ def find_hair(
         # The prior of the face is not replaced: beards and brows have the colour of hair.
         replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
         prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
+    alone = [
+        partial(parts_of_hair, guess, view.prior * view.person, view.below_chin, _footprint(camera, head))
+        for guess, view, camera in zip(found, seen, small, strict=True)
+    ]
+    agreement = Agreement.of(small, (parts() for parts in alone), head.head.mesh) if len(cameras) > WITNESSES else None
+    judges = [None if agreement is None else partial(agreement.shares, number) for number in range(len(cameras))]
     coverage = (
-        finish_mask(
-            guess,
-            view.prior * view.person,
-            view.below_chin,
-            camera.footprint(_distance(camera, head)),
-            (full.width, full.height),
-        )
-        for guess, view, camera, full in zip(found, seen, small, cameras, strict=True)
+        soft_mask(parts(judge), (camera.width, camera.height))
+        for parts, judge, camera in zip(alone, judges, cameras, strict=True)
     )
     return HairMasks(coverage, vote)
 
@@ -171,11 +174,11 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
     if outline is not None:
         mask = read_mask(outline, image_size(path))
         person = cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) / np.float32(255)
-        wide = 2 * round(WISPS / camera.footprint(_distance(camera, head))) + 1
+        wide = 2 * round(WISPS / _footprint(camera, head)) + 1
         beside = cv2.dilate(person, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide)))
         person = np.maximum(person, WISP_WEIGHT * beside)
     else:
-        reach = NO_OUTLINE / camera.footprint(_distance(camera, head))
+        reach = NO_OUTLINE / _footprint(camera, head)
         gap = cv2.distanceTransform((~(zones.head | zones.scalp)).astype(np.uint8), cv2.DIST_L2, 5)
         person = 1.0 / (1.0 + np.exp(np.clip((gap - reach) / (0.3 * reach), -30, 30)))
     towards = torch.nn.functional.normalize(camera.position - head.head.scalp_mesh.corners().mean(dim=(0, 1)), dim=0)
@@ -191,9 +194,9 @@ def _look(camera: Camera, path: Path, head: ZonedHead, outline: Path | None) -> 
     )
 
 
-def _distance(camera: Camera, head: ZonedHead) -> float:
-    """Distance from the camera to the scalp, metres."""
-    return float((head.head.scalp_mesh.corners().mean(dim=(0, 1)) - camera.position).norm())
+def _footprint(camera: Camera, head: ZonedHead) -> float:
+    """Width of a pixel at the scalp, metres."""
+    return camera.footprint(float((head.head.scalp_mesh.corners().mean(dim=(0, 1)) - camera.position).norm()))
 
 
 def _first_guess(view: _Seen) -> np.ndarray:
