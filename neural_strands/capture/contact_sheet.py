@@ -74,7 +74,7 @@ def _tile(
         inside = hair.numpy()[..., None]
         picture = (picture * (DIMMED + (1.0 - DIMMED) * inside)).astype(np.uint8)
     if head is not None:
-        face = rasterise_triangles(head.vertices, head.faces, camera).face
+        face = rasterise_triangles(camera.posed(head.vertices), head.faces, camera).face
         _outline(picture, (face >= 0).numpy(), HEAD)
         if scalp_faces is not None:
             _outline(picture, torch.isin(face, scalp_faces).numpy(), SCALP)

@@ -60,7 +60,7 @@ def head_agreement(head: Mesh, scalp_faces: Int64[Tensor, " scalp"], views: View
         hair, person = views.hair_mask(index), views.person_mask(index)
         if hair is None and person is None:
             continue
-        face = rasterise_triangles(head.vertices, head.faces, camera).face
+        face = rasterise_triangles(camera.posed(head.vertices), head.faces, camera).face
         drawn, face = face >= 0, face.clamp(min=0)
         if hair is not None:
             scalp.add(drawn & is_scalp[face], _near(hair))

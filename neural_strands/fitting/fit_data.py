@@ -4,7 +4,7 @@ import itertools
 from dataclasses import dataclass, field, replace
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from neural_strands.capture.capture import Capture
@@ -17,6 +17,7 @@ from neural_strands.fitting.photographs.streak_loss import Streaks, find_streaks
 from neural_strands.fitting.photographs.trimap import Trimap, TrimapConfig, reference_alpha, trimap_of_part
 from neural_strands.foundation.errors import InputError
 from neural_strands.foundation.progress import track
+from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
 from neural_strands.geometry.mesh import Mesh
@@ -114,8 +115,12 @@ def _streaks(data: FitData, longest_side: int, most: int | None) -> tuple[Streak
     count = len(views) if most is None else min(most, len(views))
     some = itertools.islice(views, count)
     head = data.head.mesh
+
+    def depth(camera: Camera) -> Float[Tensor, "height width"]:
+        return rasterise_triangles(camera.posed(head.vertices), head.faces, camera).depth
+
     return tuple(
-        find_streaks(view, data.hair_pixels(view), rasterise_triangles(head.vertices, head.faces, view.camera).depth)
+        find_streaks(view, data.hair_pixels(view), depth(view.camera))
         for view in track(some, "streaks of the photographs", count)
     )
 

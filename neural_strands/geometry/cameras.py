@@ -156,6 +156,16 @@ class Camera:
         pose = self.world_to_camera @ rigid_inverse(self.world_to_room)
         return replace(self, world_to_camera=pose, world_to_room=None, torso=None)
 
+    def posed(self, body: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Points of the body where they were when the photograph was taken."""
+        return body if self.torso is None else self.torso.moved(body)
+
+    def on_torso(self) -> "Camera":
+        """The camera relative to the torso, for what moves with it below the neck."""
+        if self.torso is None:
+            return self
+        return replace(self, world_to_camera=self.world_to_camera @ self.torso.motion, world_to_room=None, torso=None)
+
     def transform(self, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """World metres to camera metres."""
         return points @ self.rotation.T + self.world_to_camera[:3, 3]

@@ -68,7 +68,7 @@ from neural_strands.preparation.stage import Stage, digest_files, run_stage
 from neural_strands.preparation.write_capture import CaptureFiles, person_scalp
 
 PERSON = "person"
-VERSIONS = {"photographs": 3, "model": 2, "template": 3, "motion": 2, "head": 3, "masks": 4, "skull": 5}
+VERSIONS = {"photographs": 3, "model": 2, "template": 3, "motion": 2, "head": 4, "masks": 4, "skull": 6}
 """Versions of stages whose work has changed; results of earlier versions are computed again."""
 
 

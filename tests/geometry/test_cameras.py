@@ -147,5 +147,11 @@ def test_the_torso_moves_and_the_head_stays(generator: torch.Generator):
     expected = torch.stack([points[0], points[1], half, carried[3], carried[4]])
     torch.testing.assert_close(torso.moved(points), expected)
     camera = replace(posed(generator), torso=torso, world_to_room=motion)
+    for seen, expected in zip(
+        camera.on_torso().project(points[4:]), camera.project(torso.moved(points[4:])), strict=True
+    ):
+        torch.testing.assert_close(seen, expected)
+    assert camera.on_torso().torso is None
+    assert posed(generator).on_torso().world_to_room is None
     assert camera.in_room().torso is None
     assert camera.resized(8, 8).torso is torso

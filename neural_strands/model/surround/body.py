@@ -99,8 +99,7 @@ class Body(nn.Module):
 
     def draw(self, camera: Camera) -> TriangleBuffer:
         """Rasterise the mesh, its torso as it was when the camera took its photograph."""
-        vertices = self.vertices if camera.torso is None else camera.torso.moved(self.vertices)
-        return rasterise_triangles(vertices, self.faces, camera)
+        return rasterise_triangles(camera.posed(self.vertices), self.faces, camera)
 
     def forward(
         self, camera: Camera, seen: TriangleBuffer | None = None, change: SkinChange | None = None

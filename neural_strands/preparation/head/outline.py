@@ -74,7 +74,7 @@ class Outline:
     def contour(self, mesh: Mesh) -> Contour:
         """The outline of a mesh, where it is nearer to the person's outline than to the border of the picture."""
         camera = self.camera
-        buffer = rasterise_triangles(mesh.vertices, mesh.faces, camera)
+        buffer = rasterise_triangles(camera.posed(mesh.vertices), mesh.faces, camera)
         own = _signed_distance((buffer.face >= 0).numpy())
         row, column = torch.nonzero((own < 0) & (own > -1)).unbind(dim=1)
         distance, away = self.distance[row, column], self.away[row, column]

@@ -103,7 +103,7 @@ class ZonedHead:
         """Project the zones into a view; `prior`, if given, replaces the vertices' own."""
         mesh = self.head.mesh
         values = self.prior if prior is None else prior
-        buffer = rasterise_triangles(mesh.vertices, mesh.faces, camera)
+        buffer = rasterise_triangles(camera.posed(mesh.vertices), mesh.faces, camera)
         face = buffer.face.clamp(min=0)
         covered = buffer.face >= 0
         inside = (values[mesh.faces[face]] * buffer.barycentric).sum(dim=-1)

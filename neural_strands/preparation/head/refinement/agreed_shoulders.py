@@ -72,7 +72,7 @@ class _Shot:
     """A photograph.
 
     Attributes:
-        camera: its camera.
+        camera: its camera, relative to the torso.
         picture: brightness, whether a pixel shows the person, and whether it is far from hair and background.
     """
 
@@ -107,7 +107,7 @@ def _shot(view: View) -> _Shot | None:
         return None
     person = view.person_mask >= PERSON
     near = widen((~person | (view.hair_mask > HAIR)).float(), MARGIN)
-    return _Shot(view.camera, torch.stack([luma(view.image), person.float(), 1.0 - near], dim=2))
+    return _Shot(view.camera.on_torso(), torch.stack([luma(view.image), person.float(), 1.0 - near], dim=2))
 
 
 def _agreed_surface(

@@ -83,7 +83,7 @@ def _shown_rows(mesh: Mesh, cut: _Cut, views: Views) -> int:
     for view in views.reduced(SIDE):
         if view.person_mask is None:
             continue
-        face = rasterise_triangles(longest.vertices, longest.faces, view.camera).face
+        face = rasterise_triangles(view.camera.posed(longest.vertices), longest.faces, view.camera).face
         person, hair = view.person_mask, view.hair_mask
         bare = torch.ones_like(person, dtype=torch.bool) if hair is None else hair < HAIR
         seen = torch.where((face >= 0) & bare, row[face.clamp(min=0)], -1)
