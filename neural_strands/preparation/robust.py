@@ -3,10 +3,9 @@
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
 from torch import Tensor
 
-Squares = TypeVar("Squares", Float[np.ndarray, "*size"], Float[Tensor, "*size"])
+Squares = TypeVar("Squares", np.ndarray, Tensor)
 
 
 def geman_mcclure(squared: Squares) -> Squares:
