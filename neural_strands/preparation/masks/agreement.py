@@ -39,14 +39,14 @@ class Agreement:
     Attributes:
         cameras: of the masks to judge.
         possible: where each view does not see through.
-        certain: where each view shows no hair; its complement is certain hair.
+        doubtful: where each view does not surely show hair.
         head: stops rays, and hides what is behind it.
         middle: of the head.
     """
 
     cameras: Sequence[Camera]
     possible: Sequence[Silhouette]
-    certain: Sequence[Silhouette]
+    doubtful: Sequence[Silhouette]
     head: MeshIndex
     middle: Tensor
 
@@ -62,14 +62,14 @@ class Agreement:
             head: in the cameras' frame.
         """
         index = MeshIndex(head)
-        possible, certain = [], []
+        possible, doubtful = [], []
         for camera, mask in zip(cameras, masks, strict=True):
             view = HeadView.of(camera.reduced(LONGEST_SIDE), index)
             covered = torch.from_numpy(reduced(mask.astype(np.uint8) * np.uint8(255), LONGEST_SIDE)).float() / 255
             # Widened by a pixel, because cameras are a little off.
             possible.append(Silhouette(view, widen(covered, 1) >= SOME))
-            certain.append(Silhouette(view, covered <= CERTAIN))
-        return cls(tuple(cameras), possible, certain, index, head.vertices.mean(dim=0))
+            doubtful.append(Silhouette(view, covered <= CERTAIN))
+        return cls(tuple(cameras), possible, doubtful, index, head.vertices.mean(dim=0))
 
     def shares(
         self, number: int, parts: Shaped[np.ndarray, "height width"], names: Int[np.ndarray, " part"]
@@ -90,7 +90,7 @@ class Agreement:
         points, counted = points_before_head(camera, rays, self.middle, self.head, STEP, REACH)
         flat = points[counted]
         here = possible_points(flat, _others(self.possible, number), WITNESSES)
-        here &= ~possible_points(flat, _others(self.certain, number), WITNESSES)
+        here &= ~possible_points(flat, _others(self.doubtful, number), WITNESSES)
         agreed = torch.zeros_like(counted)
         agreed[counted] = here
         hits = np.split(agreed.any(dim=1).numpy(), np.cumsum([len(each) for each in chosen])[:-1])
