@@ -78,8 +78,8 @@ class Agreement:
 
         Args:
             number: of the view.
-            parts: name of the part at each pixel.
-            names: the parts to judge.
+            parts: number of the part at each pixel.
+            names: numbers of the parts to judge.
         """
         pixels = [np.argwhere(parts == name)[:, ::-1] for name in names.tolist()]
         chosen = [each[:: max(1, -(-len(each) // PIXELS))] for each in pixels]

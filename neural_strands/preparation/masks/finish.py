@@ -21,13 +21,17 @@ THICK = 0.008
 REACH = 0.012
 """Length by which thin parts below the chin may extend beyond thick ones, metres."""
 
+Judge = Callable[[np.ndarray, np.ndarray], Float[np.ndarray, " part"]]
+"""Takes an image with the number of each pixel's part, and some of these numbers; returns the share of each of these
+parts in which other views agree on hair."""
+
 
 def parts_of_hair(
     coverage: Float[np.ndarray, "height width"],
     likely: Float[np.ndarray, "height width"],
     below_chin: Bool[np.ndarray, "height width"],
     footprint: float,
-    agreed: Callable[[np.ndarray, np.ndarray], Float[np.ndarray, " part"]] | None = None,
+    agreed: Judge | None = None,
 ) -> Bool[np.ndarray, "height width"]:
     """Choose the parts of a picture that show hair.
 
@@ -40,8 +44,7 @@ def parts_of_hair(
         likely: probability of hair from the head alone.
         below_chin: pixels that show something lower than the chin.
         footprint: width of a pixel at the head, metres.
-        agreed: tells in how much of the named parts of an image of names other views agree on hair; None if that is
-            unknown.
+        agreed: asks the other views; None if there are too few.
     """
     solid = coverage > 0.5
     thick = solid & (_opened(solid, THICK / footprint) | ~below_chin)
@@ -61,7 +64,7 @@ def soft_mask(kept: Bool[np.ndarray, "height width"], size: tuple[int, int]) -> 
 def _kept(
     mask: Bool[np.ndarray, "height width"],
     likely: np.ndarray,
-    agreed: Callable[[np.ndarray, np.ndarray], Float[np.ndarray, " part"]] | None,
+    agreed: Judge | None,
 ) -> Bool[np.ndarray, "height width"]:
     """The parts that are large, or at least no specks and, by other views or where it lies, likely."""
     count, labels, facts, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))

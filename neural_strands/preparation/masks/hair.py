@@ -23,7 +23,7 @@ from neural_strands.foundation.progress import track
 from neural_strands.geometry.cameras import Camera
 from neural_strands.pictures.looks import LookHistogram, look_cells
 from neural_strands.preparation.masks.agreement import WITNESSES, Agreement
-from neural_strands.preparation.masks.finish import parts_of_hair, soft_mask
+from neural_strands.preparation.masks.finish import Judge, parts_of_hair, soft_mask
 from neural_strands.preparation.masks.random_walk import random_walk
 from neural_strands.preparation.masks.zones import Ballot, Shown, ZonedHead
 from neural_strands.preparation.photographs.folder import read_mask, read_picture
@@ -132,15 +132,18 @@ def find_hair(
         # The prior of the face is not replaced: beards and brows have the colour of hair.
         replaced = torch.from_numpy(np.isfinite(vote)) & ~head.on_face
         prior = torch.where(replaced, torch.sqrt(known * head.prior), head.prior)
-    alone = [
-        partial(parts_of_hair, guess, view.prior * view.person, view.below_chin, _footprint(camera, head))
-        for guess, view, camera in zip(found, seen, small, strict=True)
-    ]
-    agreement = Agreement.of(small, (parts() for parts in alone), head.head.mesh) if len(cameras) > WITNESSES else None
-    judges = [None if agreement is None else partial(agreement.shares, number) for number in range(len(cameras))]
+
+    def parts(number: int, agreed: Judge | None = None) -> np.ndarray:
+        view, footprint = seen[number], _footprint(small[number], head)
+        return parts_of_hair(found[number], view.prior * view.person, view.below_chin, footprint, agreed)
+
+    numbers = range(len(cameras))
+    judges: list[Judge | None] = [None for _ in numbers]
+    if len(cameras) > WITNESSES:
+        agreement = Agreement.of(small, map(parts, numbers), head.head.mesh)
+        judges = [partial(agreement.shares, number) for number in numbers]
     coverage = (
-        soft_mask(parts(judge), (camera.width, camera.height))
-        for parts, judge, camera in zip(alone, judges, cameras, strict=True)
+        soft_mask(parts(number, judges[number]), (cameras[number].width, cameras[number].height)) for number in numbers
     )
     return HairMasks(coverage, vote)
 
