@@ -132,7 +132,7 @@ def stages(model: HairModel, camera: Camera) -> dict[str, Callable[[], object]]:
 
     def splatted() -> list[SplatMap]:
         visible = visible_points(lines, strands.points, factor, strands.t)
-        return model.splat_descriptors(strands, visible, camera, volume=volume)
+        return model.splat_descriptors(strands, visible, camera, model.viewpoint(camera), volume=volume)
 
     maps = splatted()
     return {

@@ -26,9 +26,8 @@ LARGEST_TEXTURE = 2**28
 LARGEST_STRANDS = 2**28
 """Largest number of coordinates of all strands together."""
 
-KNOTTED = ScalpTextureConfig(appearance_size=256, appearance_knots=4)
-"""As many values as the paper's appearance texture, but with four descriptors along each strand instead of finer
-texels."""
+KNOTTED = ScalpTextureConfig(appearance_size=256, appearance_knots=8)
+"""Coarser texels than those of the paper's appearance texture, but with eight descriptors along each strand."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +66,8 @@ class FitRates:
     """Z_g, in units of the prior's latent (about 1 across hair)."""
     appearance: Annotated[float, Between(0, 10)] = 5e-3
     """Z_a."""
+    settled_appearance: Annotated[float, Between(0, 10)] = 2e-3
+    """Z_a once strands keep their shape: it then starts near the photographs."""
     network: Annotated[float, Between(0, 10)] = 2e-3
     """Weights of the UNet and the point shader."""
     grain: Annotated[float, Between(0, 10)] = 6e-2
@@ -127,7 +128,12 @@ class FitConfig:
     """Learning rates."""
     schedule: ScheduleConfig = field(
         default_factory=lambda: ScheduleConfig(
-            widest_blur=2.0, release_until=0.0, geometry_only=0.1, perceptual_from=0.25, final_rate=0.02
+            widest_blur=2.0,
+            release_until=0.0,
+            geometry_only=0.1,
+            perceptual_from=0.25,
+            settled_from=0.5,
+            final_rate=0.02,
         )
     )
     """Coarse to fine, root to tip, and the start of image losses. Traced initial strands need little of these."""

@@ -14,7 +14,7 @@ from torch.nn import Parameter
 
 from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.distributed import Workers
-from neural_strands.fitting.first_colours import initialise_colours
+from neural_strands.fitting.first_colours import initialise_colours, initialise_hair_colours
 from neural_strands.fitting.fit_data import FitData, random_region
 from neural_strands.fitting.geometry_step import StepStrands, hold_unreleased, shape_losses
 from neural_strands.fitting.losses import Perceptual, alpha_loss, rendering_loss
@@ -28,10 +28,12 @@ from neural_strands.fitting.schedule import (
     blur_width,
     rate_factor,
     released_points,
+    settles,
 )
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.step_figures import StepFigures
 from neural_strands.fitting.strand_width import estimate_width
+from neural_strands.fitting.view_colours import CLOSE, initialise_view_colours
 from neural_strands.foundation.devices.transfers import sent
 from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import deferred_interrupt
@@ -39,6 +41,8 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import HairVolume, hair_volume
+from neural_strands.model.networks import leave_colours
+from neural_strands.model.seen_directions import usual_gap
 
 REFRESH_EVERY = 10
 """Number of shape steps after which all remembered strands are decoded again, not only those of the current step."""
@@ -86,7 +90,12 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
     rates = config.rates
     groups = [
         {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
-        {"params": [model.textures.appearance], "lr": rates.appearance, "rate": rates.appearance},
+        {
+            "params": [model.textures.appearance],
+            "lr": rates.appearance,
+            "rate": rates.appearance,
+            "settled_rate": rates.settled_appearance,
+        },
         {"params": networks(model), "lr": rates.network, "rate": rates.network},
         {"params": [model.body.colour], "lr": rates.surround, "rate": rates.surround},
         {"params": list(model.grain.parameters()), "lr": rates.grain, "rate": rates.grain},
@@ -156,15 +165,18 @@ def _take_step(
     if told is not None:
         told.begin()
     factor = rate_factor(step, config.steps, config.schedule)
+    settled_at, shape_every = _shape_schedule(state.model, config)
     for group in state.optimiser.param_groups:
-        group["lr"] = group["rate"] * factor
+        group["lr"] = factor * (group["rate"] if step < settled_at else group.get("settled_rate", group["rate"]))
     state.optimiser.zero_grad(set_to_none=True)
     with_images = step >= images_from
-    in_turn = config.shape_every > 0 and (step - images_from) % config.shape_every == 0
-    shape_moves = in_turn or not with_images
+    in_turn = shape_every > 0 and (step - images_from) % shape_every == 0
+    shape_moves = (in_turn and step < settled_at) or not with_images
     figures: dict[str, Tensor] = {}
     if step == images_from:
         _first_colours(state, data, config)
+    if step == settled_at:
+        _settled_colours(state, data)
     if shape_moves:
         figures |= _shape_part(state, data, config, workers)
     if with_images:
@@ -191,10 +203,22 @@ def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
     return torch.Generator().manual_seed((config.seed * 1_000_003 + step) * 1_009 + place)
 
 
-def _shape_steps(step: int, config: FitConfig) -> int:
+def _shape_schedule(model: HairModel, config: FitConfig) -> tuple[int, int]:
+    """The step at which strands settle, and in how many steps the shape is updated once until then."""
+    if usual_gap(model.seen_from) > CLOSE:
+        return config.steps, config.shape_every
+    settled_at = settles(config.steps, config.schedule)
+    often = max(1, round(config.shape_every * settled_at / config.steps))
+    return settled_at, often if config.shape_every > 0 else 0
+
+
+def _shape_steps(state: FitState, config: FitConfig) -> int:
     """Number of earlier steps that updated the shape, given that this one does."""
-    images_from = appearance_begins(config.steps, config.schedule)
-    return step if step < images_from else images_from + (step - images_from) // config.shape_every
+    images_from, (_, shape_every) = (
+        appearance_begins(config.steps, config.schedule),
+        _shape_schedule(state.model, config),
+    )
+    return state.step if state.step < images_from else images_from + (state.step - images_from) // shape_every
 
 
 def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Workers) -> dict[str, Tensor]:
@@ -208,7 +232,7 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     targets = sent(torch.randint(len(data.segments), (config.targets_per_step,), generator=random), device)
     blur = blur_width(state.step, config.steps, config.schedule)
     released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
-    if _shape_steps(state.step, config) % LOOK_EVERY == 0:
+    if _shape_steps(state, config) % LOOK_EVERY == 0:
         state.seen = seen_points(model, state.remembered, data.views.cameras)
     strands = hold_unreleased(model.decode(config.step_points, blur, chosen.index).points, released)
     losses = shape_losses(strands, chosen, state.remembered, state.first, state.seen, data, targets, config)
@@ -308,6 +332,15 @@ def _first_colours(state: FitState, data: FitData, config: FitConfig) -> None:
     if config.trimap.mattes:
         state.model.strand_width = estimate_width(state.model, strands, data.views)
     initialise_colours(state.model, strands, data.views)
+
+
+def _settled_colours(state: FitState, data: FitData) -> None:
+    """Once strands keep their shape, find the colours of all places on them in closed form, and learn on from there."""
+    strands = Strands(state.drawn, root_uv=state.model.root_uv)
+    leave_colours(state.model)
+    torch.nn.init.zeros_(state.model.textures.appearance)
+    initialise_hair_colours(state.model, strands, data.views)
+    initialise_view_colours(state.model, strands, data.views)
 
 
 @torch.no_grad()

@@ -29,6 +29,10 @@ class ScheduleConfig:
     """Fraction of the steps after which that gradient is no longer blurred, and each strand learns on its own."""
     perceptual_from: Annotated[float, Between(0, 1)] = 0.5
     """Fraction of the steps after which the perceptual loss is used; earlier it has little effect for its cost."""
+    settled_from: Annotated[float, Between(0, 1)] = 1.0
+    """Fraction of the steps after which strands keep their shape, if photographs are close to each other. The colours
+    of the places on them are then found once more in closed form, with their changes from view to view; on strands that
+    move, they would soon lie elsewhere. Until then, shape steps are as many as they would be in all steps."""
     warmup: Annotated[int, Between(0, 10_000_000)] = 50
     """Steps over which learning rates rise from zero."""
     final_rate: Annotated[float, Between(0, 1)] = 0.1
@@ -57,6 +61,11 @@ def released_points(step: int, steps: int, points: int, config: ScheduleConfig) 
 def appearance_begins(steps: int, config: ScheduleConfig) -> int:
     """The first step whose rendering and alpha losses count."""
     return math.ceil(config.geometry_only * steps)
+
+
+def settles(steps: int, config: ScheduleConfig) -> int:
+    """The first step from which on strands keep their shape; `steps` if none is."""
+    return max(appearance_begins(steps, config), math.ceil(config.settled_from * steps))
 
 
 def rate_factor(step: int, steps: int, config: ScheduleConfig) -> float:

@@ -45,7 +45,7 @@ def fill_unseen_appearance(
     cameras near the photographs, which they show as photographed.
 
     Args:
-        model: `textures.appearance` and `textures.elsewhere` are modified in place.
+        model: `textures.appearance`, `textures.elsewhere` and `textures.view` are modified in place.
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
         unseen: which parts of the strands, from root to tip, face too few views (see `flow.unseen.unseen_parts`, with
@@ -67,6 +67,8 @@ def fill_unseen_appearance(
     learned = (count >= ENOUGH).to(trust)
     own = textures.appearance.detach().unflatten(2, (textures.knots, -1))
     own.copy_(_filled(own, learned))
+    for change in textures.view.unflatten(3, (textures.knots, -1)):
+        change.copy_(_filled(change, learned))
     textures.elsewhere.copy_((_filled(own, learned * trust) - own).flatten(2))
 
 

@@ -14,6 +14,7 @@ from neural_strands.foundation.errors import InputError, reason
 from neural_strands.foundation.files import atomic_folder
 from neural_strands.foundation.json_files import JsonValue, check_format, read_json
 from neural_strands.geometry.mesh import Mesh
+from neural_strands.model import view_functions
 from neural_strands.model.hair_model import HairModel, HairModelConfig
 from neural_strands.prior.generator import GeneratorConfig, StrandGenerator
 from neural_strands.scalp.roots import Roots
@@ -22,7 +23,7 @@ CONFIG_NAME = "config.json"
 MODEL_NAME = "model"
 """Name of the model's folder inside a run."""
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 11
+FORMAT = 12
 """Version of the folder's layout and of what the networks see."""
 ADVICE = "copy the folder again or fit anew"
 SHAPES = {
@@ -34,6 +35,7 @@ SHAPES = {
     "textures.shape": "texel texel latent",
     "textures.appearance": "colour_texel colour_texel feature",
     "textures.elsewhere": "colour_texel colour_texel feature",
+    "textures.view": "view_function colour_texel colour_texel view_colour",
 }
 """Tensors that are large or whose sizes depend on the capture; their shapes are checked before a model is built."""
 
@@ -140,6 +142,8 @@ def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConf
         "texel": textures.shape_size,
         "latent": textures.shape_channels,
         "colour_texel": textures.appearance_size,
+        "view_function": view_functions.COUNT,
+        "view_colour": 3 * textures.appearance_knots,
         "feature": textures.appearance_channels * textures.appearance_knots,
     }
     for name, shape in SHAPES.items():

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from neural_strands.foundation.configs import Between
+from neural_strands.foundation.devices.transfers import sent
 from neural_strands.foundation.precision import has_bfloat16_matrices
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
@@ -35,11 +36,12 @@ from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.light import LightChange
 from neural_strands.model.outputs import Drawing, HairImage, RenderOutput
 from neural_strands.model.scalp_textures import ScalpTextureConfig, ScalpTextures
-from neural_strands.model.seen_directions import share_elsewhere, turn_to_seen
+from neural_strands.model.seen_directions import Viewpoint, share_elsewhere, turn_to_seen
 from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.surround.background import Background
 from neural_strands.model.surround.body import Body, SurroundConfig
 from neural_strands.model.unet import UNet, UNetConfig
+from neural_strands.model.view_functions import view_functions
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.nodes import visible_nodes
@@ -238,13 +240,12 @@ class HairModel(nn.Module):
     ) -> HairImage:
         """Render the hair alone from one view; the arguments and errors are those of `render`."""
         # Computed before the camera moves to the device, so that the host need not wait for it.
-        turn = None if photographed else self.rotation_to_seen(camera)
-        elsewhere = 0.0 if photographed else self.share_elsewhere(camera)
+        viewpoint = self.viewpoint(camera, photographed)
         camera = camera.to(self.root_uv.device)
         drawing = self.draw(strands, camera)
         visible = visible_points(drawing.lines, strands.points, self.config.supersample, strands.t, room)
-        maps = self.splat_descriptors(strands, visible, camera, turn, blur, volume, light, elsewhere)
-        rgb, alpha = self._hair(maps, camera, turn).split([3, 1], dim=2)
+        maps = self.splat_descriptors(strands, visible, camera, viewpoint, blur, volume, light)
+        rgb, alpha = self._hair(maps, camera, viewpoint.turn).split([3, 1], dim=2)
         coverage = (maps[0].coverage / self.config.supersample**2).clamp(max=1.0)
         return HairImage(rgb, alpha[..., 0], coverage, drawing, visible)
 
@@ -253,11 +254,10 @@ class HairModel(nn.Module):
         strands: Strands,
         visible: VisiblePoints,
         camera: Camera,
-        turn: Float[Tensor, "3 3"] | None = None,
+        viewpoint: Viewpoint,
         blur: float = 0.0,
         volume: HairVolume | None = None,
         light: LightChange | None = None,
-        elsewhere: float = 0.0,
     ) -> list[SplatMap]:
         """Maps of the descriptor g = [z_a, d, t] of visible points, one per level (paper, "Neural Hair Descriptor").
 
@@ -269,15 +269,21 @@ class HairModel(nn.Module):
         nodes = visible_nodes(visible, strands.points)
         world, direction = nodes.positions(strands.points), nodes.directions(strands.points)
         t = strands.parameters()[nodes.strand, nodes.vertex].to(direction)
-        appearance = self.textures.sample_appearance(strands.chart_positions(), blur, elsewhere)
-        appearance = interpolate_knots(appearance, nodes.strand, t)
+        places, turn = strands.chart_positions(), viewpoint.turn
+        knots = [
+            self.textures.sample_appearance(places, blur, viewpoint.elsewhere),
+            self.textures.sample_view_colour(places, viewpoint.functions),
+        ]
+        appearance, change = interpolate_knots(torch.cat(knots, dim=2), nodes.strand, t).split(
+            [self.config.textures.appearance_channels, 3], dim=1
+        )
         view = functional.normalize(world - camera.position, dim=1)
         around = (volume or hair_volume(strands.points)).at(world)
         if turn is not None:
             direction, view = direction @ turn.T, view @ turn.T
             around = torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
         fibre = torch.cat([direction, t[:, None]], dim=1)
-        linear = to_linear(self.shading(appearance, fibre, view, around))
+        linear = to_linear(self.shading(appearance, fibre, view, around) + change)
         if light is not None:
             along = nodes.vertex / (strands.points_per_strand - 1)
             linear = linear * interpolate_knots(light.strands, nodes.strand, along)
@@ -311,7 +317,7 @@ class HairModel(nn.Module):
         Args:
             maps: the splatted maps of all levels, finest first.
             camera: the view.
-            turn: `self.rotation_to_seen(camera)`.
+            turn: `self.viewpoint(camera).turn`.
         """
         if not self.config.unet.corrects:
             return _uncorrected(maps)
@@ -342,18 +348,19 @@ class HairModel(nn.Module):
         odds = ODDS_SCALE * torch.logit(share.clamp(LEAST_OPACITY, 1 - LEAST_OPACITY))
         return rays if turn is None else rays @ turn.T, odds[..., None]
 
-    def rotation_to_seen(self, camera: Camera) -> Float[Tensor, "3 3"] | None:
-        """Rotation of the directions that networks see, for a camera far from all photographs; None near them."""
-        if len(self.seen_from) == 0:
-            return None
-        turn = turn_to_seen(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
-        return None if turn is None else turn.to(self.root_uv)
+    def viewpoint(self, camera: Camera, photographed: bool = False) -> Viewpoint:
+        """Where a camera stands among the photographs.
 
-    def share_elsewhere(self, camera: Camera) -> float:
-        """How far a camera is from all photographs, from 0 to 1 (see `seen_directions`)."""
-        if len(self.seen_from) == 0:
-            return 0.0
-        return share_elsewhere(camera.position.cpu() - self.background.centre_on_cpu, self.seen_from)
+        Args:
+            camera: any camera.
+            photographed: whether one of the photographs was taken from there.
+        """
+        seen, place = self.seen_from, camera.position.cpu() - self.background.centre_on_cpu
+        turn = None if photographed else turn_to_seen(place, seen)
+        functions = view_functions((place if turn is None else turn @ place)[None], seen)[0]
+        elsewhere = 0.0 if photographed else share_elsewhere(place, seen)
+        device = self.root_uv.device
+        return Viewpoint(None if turn is None else sent(turn, device), elsewhere, sent(functions, device))
 
 
 def _uncorrected(maps: list[SplatMap]) -> Float[Tensor, "height width 4"]:

@@ -78,6 +78,18 @@ def start_networks(model: HairModel, networks: Networks) -> None:
             own[name].copy_(value)
 
 
+def leave_colours(model: HairModel) -> None:
+    """Let the networks leave the colours of the textures as they are, in place, until they learn to change them.
+
+    Colours in closed form are nearer to the photographs than after the changes that networks have learned elsewhere.
+    Hidden layers, and what the generator does to opacity, stay.
+    """
+    with torch.no_grad():
+        model.shading.outer.zero_()
+        model.unet.output[:3].zero_()
+        model.unet.bias[:3].zero_()
+
+
 def _read(path: Path) -> Networks:
     """The networks' weights in a file; nothing else in it is read."""
     if not path.is_file():

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from neural_strands.foundation.configs import Between
+from neural_strands.model import view_functions
 from neural_strands.raster.texture import sample_texture
 
 
@@ -35,9 +36,12 @@ class ScalpTextures(nn.Module):
         shape: Z_g.
         appearance: Z_a, as photographs show it.
         elsewhere: change of Z_a for cameras far from all photographs; zero until a fit ends.
+        view: change of the encoded colour with each view function, at each knot; zero until a fit estimates it in
+            closed form, and not learned.
     """
 
     elsewhere: Tensor
+    view: Tensor
 
     def __init__(self, config: ScalpTextureConfig) -> None:
         super().__init__()
@@ -48,6 +52,8 @@ class ScalpTextures(nn.Module):
             )
         )
         self.register_buffer("elsewhere", torch.zeros_like(self.appearance))
+        size = config.appearance_size
+        self.register_buffer("view", torch.zeros(view_functions.COUNT, size, size, config.appearance_knots * 3))
         self.knots = config.appearance_knots
 
     def sample_shape(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root latent"]:
@@ -68,3 +74,15 @@ class ScalpTextures(nn.Module):
         if elsewhere > 0:
             found = found + elsewhere * sample_texture(self.elsewhere, uv)
         return found.unflatten(1, (self.knots, -1))
+
+    def sample_view_colour(
+        self, uv: Float[Tensor, "root 2"], functions: Float[Tensor, " function"]
+    ) -> Float[Tensor, "root knot 3"]:
+        """Change of the encoded colour at roots in one view.
+
+        Args:
+            uv: on the scalp chart.
+            functions: the view's functions (`model.view_functions`).
+        """
+        change = (functions @ self.view.flatten(1)).view(self.view.shape[1:])
+        return sample_texture(change, uv).unflatten(1, (self.knots, 3))

@@ -10,6 +10,7 @@ faces the camera; between, the two textures of `ScalpTextures` are blended.
 """
 
 import math
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -29,6 +30,21 @@ SHARPNESS = 3.0
 """How much more strongly nearer photographs attract, per unit of the cosine (a softmax's inverse temperature)."""
 LEVEL = 1e-3
 """A unit direction whose horizontal part is shorter than this has no azimuth."""
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a camera stands among the photographs, which decides how appearance is looked up.
+
+    Attributes:
+        turn: rotation of the directions that networks see, or None if they stay (`turn_to_seen`).
+        elsewhere: how far the camera is from all photographs, from 0 to 1 (`share_elsewhere`).
+        functions: view functions of its direction, after the rotation (`model.view_functions`).
+    """
+
+    turn: Float[Tensor, "3 3"] | None
+    elsewhere: float
+    functions: Float[Tensor, " function"]
 
 
 def seen_from(positions: Float[Tensor, "view 3"], centre: Float[Tensor, "3"]) -> Float[Tensor, "view 3"]:
@@ -73,6 +89,14 @@ def share_elsewhere(place: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) ->
         return 0.0
     gap = _angle_to_nearest(F.normalize(place, dim=0), seen)
     return smoothstep(2 * gap / (SPACINGS * _widest_gap(seen)) - 1)
+
+
+def usual_gap(seen: Float[Tensor, "view 3"]) -> float:
+    """Median angle between a photograph and its nearest neighbour, radians; infinite with fewer than two."""
+    if len(seen) < 2:
+        return math.inf
+    cosine = (seen @ seen.T).fill_diagonal_(-1.0)
+    return math.acos(float(cosine.amax(dim=1).median().clamp(-1, 1)))
 
 
 def _angle_to_nearest(unit: Float[Tensor, "3"], seen: Float[Tensor, "view 3"]) -> float:

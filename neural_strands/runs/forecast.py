@@ -39,7 +39,8 @@ class Forecast:
         tracing_seconds: tracing the initial strands of straight hair; curls and waves take more.
         shape_seconds: one step that updates strands by the geometric loss.
         image_seconds: one step with an image.
-        fit_seconds: all steps.
+        colour_seconds: colours in closed form, once, before the first step with an image.
+        fit_seconds: all steps, and these colours.
         memory_bytes: peak of the trial steps plus that of tracing the initial strands.
     """
 
@@ -47,6 +48,7 @@ class Forecast:
     tracing_seconds: float
     shape_seconds: float
     image_seconds: float
+    colour_seconds: float
     fit_seconds: float
     memory_bytes: int
 
@@ -100,6 +102,8 @@ def forecast(
     seconds: list[float] = []
     fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:each]), sum(sorted(seconds[each:])[:2]) / 2
+    # Part of the first step with an image.
+    colours = max(0.0, seconds[each] - image)
     plain = appearance_begins(config.steps, config.schedule)
     # Measured before the trials of tracing and stereo raise the peak.
     memory, tracing = peak_memory(device), 0.0
@@ -112,7 +116,8 @@ def forecast(
         tracing_seconds=tracing,
         shape_seconds=shape,
         image_seconds=image,
-        fit_seconds=plain * shape + (config.steps - plain) * image,
+        colour_seconds=colours,
+        fit_seconds=plain * shape + colours + (config.steps - plain) * image,
         memory_bytes=memory,
     )
 
@@ -127,4 +132,4 @@ def steps_for(minutes: float, cost: Forecast, config: FitConfig) -> int:
     """Number of steps that fit into `minutes`; at least ten, so that there is a result."""
     share = appearance_begins(config.steps, config.schedule) / config.steps
     mean = share * cost.shape_seconds + (1 - share) * cost.image_seconds
-    return max(10, int(60 * minutes / mean))
+    return max(10, int((60 * minutes - cost.colour_seconds) / mean))

@@ -2,6 +2,7 @@
 
 import copy
 import itertools
+import math
 import signal
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.capture.images import read_pixels
+from neural_strands.fitting import fit as fit_module
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitRates
 from neural_strands.fitting.first_model import begin, fit_prior
@@ -88,6 +90,27 @@ def test_given_strands_stay_while_their_appearance_is_learned(scene):
     assert torch.equal(state.drawn, given)
     losses = [row["render"] + row["alpha"] for row in figures]
     assert sum(losses[-10:]) < 0.6 * sum(losses[:10])
+
+
+@pytest.mark.parametrize("far", [True, False], ids=["photographs far apart", "photographs close together"])
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_once_strands_have_settled_they_stay_and_their_colours_change_with_the_view(scene, monkeypatch, far):
+    if not far:
+        monkeypatch.setattr(fit_module, "CLOSE", math.inf)
+    schedule = ScheduleConfig(widest_blur=2.0, geometry_only=0.25, settled_from=0.5, warmup=2)
+    config = tiny_config(steps=12, shape_every=1, schedule=schedule)
+    state, data = begin_tiny(scene, config)
+    run(state, data, config, until=5)
+    before = state.model.textures.shape.detach().clone()
+    assert not state.model.textures.view.any()
+    run(state, data, config, until=6)
+    settled, drawn = state.model.textures.shape.detach().clone(), state.drawn.clone()
+    assert not torch.equal(settled, before)
+    figures = run(state, data, config)
+    assert torch.equal(state.model.textures.shape, settled) == (not far)
+    assert torch.equal(state.drawn, drawn) == (not far)
+    assert bool(state.model.textures.view.any()) == (not far)
+    assert any("surface" in row for row in figures) == far
 
 
 @pytest.mark.parametrize("amplitude", [-30.0, 5.0])

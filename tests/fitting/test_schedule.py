@@ -15,6 +15,7 @@ from neural_strands.fitting.schedule import (
     blur_width,
     rate_factor,
     released_points,
+    settles,
 )
 from neural_strands.raster.texture import sample_texture
 
@@ -54,6 +55,12 @@ def test_a_strand_learns_on_its_own_once_the_blur_of_appearance_has_ended(name, 
     variance = 9 ** ((0.5 - fraction) / 0.4) if fraction < 0.5 else 0.0
     taps = scipy.special.ive(abs(np.arange(-32, 33)), variance)
     np.testing.assert_allclose(texture.grad[..., 0], np.outer(taps, taps), atol=1e-7)
+
+
+def test_strands_settle_at_their_share_of_the_steps_and_not_before_images_count():
+    assert settles(1000, ScheduleConfig(settled_from=0.5)) == 500
+    assert settles(1000, ScheduleConfig()) == 1000
+    assert settles(1000, ScheduleConfig(geometry_only=0.3, settled_from=0.1)) == 300
 
 
 def test_strands_are_released_from_root_to_tip():

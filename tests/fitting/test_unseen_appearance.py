@@ -83,6 +83,8 @@ def learned(scene):
     values = torch.where(shown, 1.0 + 0.1 * torch.rand(*pixels.shape, 1), -7.0).expand(-1, -1, -1, 16)
     with torch.no_grad():
         model.textures.appearance.copy_(values.flatten(2))
+        # In every view function as in the appearance, with other signs for what was learned.
+        model.textures.view.copy_(torch.where(shown, -values[..., :3], values[..., :3]).flatten(2))
     return strands, pixels, values
 
 
@@ -101,6 +103,9 @@ def test_hair_at_the_back_takes_the_colours_of_the_hair_in_front(scene):
     assert not model.textures.elsewhere.any()
     assert ((after >= 1.0 - 1e-5) & (after <= 1.1 + 1e-5)).all()
     assert (read(model) > 0).all()
+    change = model.textures.view.unflatten(3, (-1, 3))
+    assert torch.equal(change[:, seen], -values[seen][:, :3].expand(len(change), -1, -1))
+    assert ((change <= -1.0 + 1e-5) & (change >= -1.1 - 1e-5)).all()
 
 
 def test_hair_that_views_only_graze_keeps_little_of_its_own_colours_elsewhere(scene):

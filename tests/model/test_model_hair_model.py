@@ -255,7 +255,7 @@ def test_folders_that_are_no_model_are_refused_in_one_sentence(tmp_path):
     (folder / "model.safetensors").write_bytes(whole)
     described = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps({**described, "format": 99}))
-    with pytest.raises(InputError, match="format: expected 11, found 99; use the version"):
+    with pytest.raises(InputError, match="format: expected 12, found 99; use the version"):
         load_hair_model(folder)
     described["model"]["surprise"] = 1
     (folder / "config.json").write_text(json.dumps(described))

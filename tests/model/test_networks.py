@@ -12,7 +12,15 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.model import networks as networks_module
 from neural_strands.model.files import WEIGHTS_NAME, save_hair_model
 from neural_strands.model.hair_model import HairModel, HairModelConfig
-from neural_strands.model.networks import SHIPPED, read_networks, save_networks, shipped_networks, start_networks
+from neural_strands.model.hair_volume import CHANNELS
+from neural_strands.model.networks import (
+    SHIPPED,
+    leave_colours,
+    read_networks,
+    save_networks,
+    shipped_networks,
+    start_networks,
+)
 from neural_strands.model.scalp_textures import ScalpTextureConfig
 from neural_strands.model.unet import UNetConfig
 from neural_strands.prior.generator import StrandGenerator
@@ -43,6 +51,23 @@ def test_a_model_starts_from_what_was_written_and_keeps_the_rest(written):
         expected = source.state_dict()[name] if name.startswith(("unet.", "shading.")) else before[name]
         assert torch.equal(value, expected), name
     assert not torch.equal(before["unet.output"], model.unet.output)
+
+
+@torch.no_grad()
+def test_networks_can_leave_colours_to_the_textures_and_still_change_opacity():
+    model = model_of(CONFIG, 1)
+    model.shading.outer.normal_()
+    model.unet.bias.fill_(0.3)
+    pyramid = [torch.rand(1, CONFIG.descriptor_channels, size, size) for size in (8, 4)]
+    opacity = model.unet(pyramid)[:, 3]
+    leave_colours(model)
+    after = model.unet(pyramid)
+    assert not after[:, :3].any()
+    assert torch.equal(after[:, 3], opacity)
+    appearance, directions = torch.randn(5, 4), torch.nn.functional.normalize(torch.randn(5, 3), dim=1)
+    fibre = torch.cat([directions, torch.rand(5, 1)], dim=1)
+    shaded = model.shading(appearance, fibre, directions, torch.rand(5, CHANNELS))
+    torch.testing.assert_close(shaded, appearance @ model.shading.decode.T + model.shading.mean)
 
 
 def test_the_file_of_a_whole_model_serves_as_well(written, tmp_path):

@@ -27,21 +27,25 @@ def along(values, visible, vertex):
     )
 
 
-def each_by_itself(self, strands, visible, camera, turn=None, blur=0.0, volume=None, light=None, elsewhere=0.0):
+def each_by_itself(self, strands, visible, camera, viewpoint, blur=0.0, volume=None, light=None):
     """`HairModel.splat_descriptors` as it is defined."""
     ahead = directions(strands.points)
     ends = ahead[visible.strand, visible.vertex], ahead[visible.strand, visible.vertex + 1]
     direction = torch.lerp(*ends, visible.position[:, None])
     view = normalize(visible.world - camera.position, dim=1)
     around = hair_volume(strands.points).at(visible.world)
+    turn = viewpoint.turn
     if turn is not None:
         direction, view = direction @ turn.T, view @ turn.T
         around = torch.cat([around[:, :3] @ turn.T, around[:, 3:]], dim=1)
     knots = self.textures.sample_appearance(strands.root_uv)
-    knots = knots + elsewhere * sample_texture(self.textures.elsewhere, strands.root_uv).unflatten(1, knots.shape[1:])
-    appearance = along(knots, visible, visible.t)
+    elsewhere = sample_texture(self.textures.elsewhere, strands.root_uv).unflatten(1, knots.shape[1:])
+    appearance = along(knots + viewpoint.elsewhere * elsewhere, visible, visible.t)
+    change = torch.zeros(len(strands), knots.shape[1], 3)
+    for texture, value in zip(self.textures.view, viewpoint.functions, strict=True):
+        change += value * sample_texture(texture, strands.root_uv).unflatten(1, (-1, 3))
     fibre = torch.cat([direction, visible.t[:, None]], dim=1)
-    linear = to_linear(self.shading(appearance, fibre, view, around))
+    linear = to_linear(self.shading(appearance, fibre, view, around) + along(change, visible, visible.t))
     if light is not None:
         share = (visible.vertex + visible.position) / (strands.points.shape[1] - 1)
         linear = linear * along(light.strands, visible, share)
@@ -57,10 +61,11 @@ def test_pictures_are_those_in_which_every_point_is_shaded(generator, monkeypatc
     hair = tiny_hair_model(points=100)
     for texture in (hair.textures.appearance, hair.textures.elsewhere):
         texture.normal_(generator=generator)
+    hair.textures.view.normal_(generator=generator).mul_(0.05)
     for weights in hair.shading.parameters():
         weights += 0.1 * torch.randn(weights.shape, generator=generator)
-    if turned:
-        hair.seen_from = normalize(torch.tensor([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]]), dim=1)
+    directions_to_photographs = [[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]] if turned else [[0.5, 0.2, -0.4], [0.2, 0.4, -0.5]]
+    hair.seen_from = normalize(torch.tensor(directions_to_photographs), dim=1)
     strands = hair.decode()
     # As after a cut: the points that are left reach only a part of t.
     t = torch.linspace(0, 0.8, 100).expand(len(strands), 100).clone()
@@ -69,7 +74,9 @@ def test_pictures_are_those_in_which_every_point_is_shaded(generator, monkeypatc
     skin = SkinChange(one, one[:, None].repeat(1, 3), 0 * one)
     light = LightChange(0.5 + torch.rand(len(strands), 5, 1, generator=generator), skin)
     camera = Camera.look_at(torch.tensor([0.5, 0.2, -0.4]), torch.zeros(3), 240.0, (96, 80))
-    assert (hair.rotation_to_seen(camera) is not None) == turned
+    viewpoint = hair.viewpoint(camera)
+    assert (viewpoint.turn is not None) == turned
+    assert viewpoint.functions.any()
     found = hair.render(strands, camera, light=light)
     monkeypatch.setattr(HairModel, "splat_descriptors", each_by_itself)
     expected = hair.render(strands, camera, light=light)

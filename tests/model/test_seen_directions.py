@@ -10,7 +10,7 @@ from neural_strands.foundation.smoothstep import smoothstep
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.hair_model import HairModel
-from neural_strands.model.seen_directions import seen_from, share_elsewhere, turn_to_seen
+from neural_strands.model.seen_directions import seen_from, share_elsewhere, turn_to_seen, usual_gap
 
 UP = torch.tensor([0.0, 1.0, 0.0])
 
@@ -163,3 +163,11 @@ def test_a_model_keeps_where_it_was_seen_from():
     older = {**hair.state_dict(), "_extra_state": torch.tensor([1e-4, 0.0], dtype=torch.float64)}
     other.load_state_dict(older)
     assert len(other.seen_from) == 0
+
+
+def test_the_usual_gap_is_that_of_most_photographs():
+    gap = math.radians(7)
+    angles = torch.tensor([0.0, gap, 2 * gap, 3 * gap, 2.0])
+    seen = torch.stack([angles.sin(), torch.zeros(5), angles.cos()], dim=1)
+    assert usual_gap(seen) == pytest.approx(gap, abs=1e-3)
+    assert usual_gap(seen[:1]) == math.inf

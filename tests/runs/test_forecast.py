@@ -14,11 +14,11 @@ from neural_strands.scalp.mannequin import mannequin
 
 
 def cost(shape_seconds: float, image_seconds: float) -> Forecast:
-    return Forecast(120.0, 30.0, shape_seconds, image_seconds, 600.0, 2_000_000_000)
+    return Forecast(120.0, 30.0, shape_seconds, image_seconds, 20.0, 600.0, 2_000_000_000)
 
 
 def test_stereo_of_unknown_time_is_not_counted() -> None:
-    told = Forecast(None, 30.0, 0.25, 0.5, 600.0, 2_000_000_000).sentence()
+    told = Forecast(None, 30.0, 0.25, 0.5, 20.0, 600.0, 2_000_000_000).sentence()
     assert told.startswith("expect stereo, whose time is unknown, and about 10.5 minutes: 0.5 for first strands")
 
 
@@ -61,7 +61,7 @@ def test_steps_for_takes_the_minutes_given(minutes: float) -> None:
     config = FitConfig(steps=1000)
     steps = steps_for(minutes, cost(0.2, 0.8), config)
     plain = appearance_begins(steps, config.schedule)
-    assert plain * 0.2 + (steps - plain) * 0.8 == pytest.approx(60 * minutes, abs=1.5)
+    assert plain * 0.2 + 20.0 + (steps - plain) * 0.8 == pytest.approx(60 * minutes, abs=1.5)
 
 
 def test_steps_for_leaves_a_result_when_time_is_short() -> None:

@@ -222,7 +222,7 @@ def test_only_a_long_fit_that_is_followed_or_given_minutes_is_forecast(
 
     def stand_in(*arguments):
         made.append(arguments)
-        return Forecast(0.0, 0.0, 10.0, 10.0, 60.0, 10**9)
+        return Forecast(0.0, 0.0, 10.0, 10.0, 0.0, 60.0, 10**9)
 
     monkeypatch.setattr(run_fit_module, "forecast", stand_in)
     feedback = Feedback(said.append) if heard else Feedback()

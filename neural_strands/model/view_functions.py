@@ -1,0 +1,47 @@
+"""Functions of a camera's direction, with which the colours of strands change from view to view.
+
+They are the real spherical harmonics of degree 1 and 2, which radiance fields use too (Plenoxels, Gaussian splatting),
+here made uncorrelated over the photographs. Cameras that saw only the face hardly differ in some harmonics, and a
+strand's change with these would be guessed. Each function has mean 0 over the photographs, and variance 1 unless they
+hardly differ in it.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+COUNT = 8
+"""Number of functions."""
+LEAST_DEVIATION = 0.02
+"""Combinations of harmonics whose standard deviation over the photographs is below this are not scaled up to 1."""
+LIMIT = 2.5
+"""Largest absolute value: beyond what the photographs show, colours stop changing."""
+
+
+def view_functions(
+    direction: Float[Tensor, "view 3"], seen: Float[Tensor, "photograph 3"]
+) -> Float[Tensor, "view function"]:
+    """Evaluate the functions.
+
+    Args:
+        direction: unit directions from the hair to the cameras.
+        seen: unit directions to the cameras of the photographs; without any, all functions are zero.
+    """
+    if len(seen) == 0:
+        return direction.new_zeros(len(direction), COUNT)
+    harmonics = _harmonics(seen.double())
+    mean = harmonics.mean(dim=0)
+    variance, axes = torch.linalg.eigh((harmonics - mean).T @ (harmonics - mean) / len(seen))
+    # Symmetric whitening: unlike the axes themselves, it does not depend on their signs and order.
+    whiten = (axes / variance.clamp(min=LEAST_DEVIATION**2).sqrt()) @ axes.T
+    return ((_harmonics(direction.double()) - mean) @ whiten).clamp(-LIMIT, LIMIT).to(direction)
+
+
+def _harmonics(direction: Float[Tensor, "view 3"]) -> Float[Tensor, "view function"]:
+    """Real spherical harmonics of degree 1 and 2, scaled to variance 1 over the sphere."""
+    x, y, z = functional.normalize(direction, dim=1).unbind(dim=1)
+    first, second = 3**0.5, 15**0.5
+    linear = [first * x, first * y, first * z]
+    quadratic = [second * x * y, second * y * z, second * z * x, second / 2 * (x * x - y * y)]
+    return torch.stack([*linear, *quadratic, 5**0.5 / 2 * (3 * z * z - 1)], dim=1)
