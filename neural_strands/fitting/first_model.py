@@ -59,7 +59,7 @@ def first_model(
     if networks is not None:
         start_networks(model, networks)
     places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
-    model.seen_from = seen_from(places, model.background.centre.cpu())
+    model.photographed_from(seen_from(places, model.background.centre.cpu()))
     if first is not None:
         latents = prior.encode(to_local(first.strands.points, first.roots.position, first.roots.frame))
         texture = texture_from_latents(first.roots.uv, latents, config.model.textures.shape_size)

@@ -41,7 +41,7 @@ from neural_strands.model.shading import PointShading, ShadingConfig
 from neural_strands.model.surround.background import Background
 from neural_strands.model.surround.body import Body, SurroundConfig
 from neural_strands.model.unet import UNet, UNetConfig
-from neural_strands.model.view_functions import view_functions
+from neural_strands.model.view_functions import COUNT, in_basis, view_basis, view_functions
 from neural_strands.prior.generator import StrandGenerator
 from neural_strands.raster.lines import LineConfig, rasterise_lines
 from neural_strands.raster.nodes import visible_nodes
@@ -94,11 +94,14 @@ class HairModel(nn.Module):
         config: sizes and options.
         strand_width: width of the strands as drawn, metres: the config's until a fit estimates one; part of the state.
         seen_from: unit directions to the cameras of the photographs, empty before a fit; part of the state.
+        view_mean, view_axes: `view_basis` of these directions, zero before a fit.
     """
 
     root_position: Tensor
     root_uv: Tensor
     root_frame: Tensor
+    view_mean: Tensor
+    view_axes: Tensor
 
     def __init__(
         self,
@@ -121,6 +124,8 @@ class HairModel(nn.Module):
         self.config = config
         self.strand_width = config.lines.width
         self.seen_from = torch.zeros(0, 3)
+        self.register_buffer("view_mean", torch.zeros(COUNT))
+        self.register_buffer("view_axes", torch.zeros(COUNT, COUNT))
         self.register_buffer("root_position", roots.position.float().clone())
         self.register_buffer("root_uv", roots.uv.float().clone())
         self.register_buffer("root_frame", roots.frame.float().clone())
@@ -355,12 +360,22 @@ class HairModel(nn.Module):
             camera: any camera.
             photographed: whether one of the photographs was taken from there.
         """
-        seen, place = self.seen_from, camera.position.cpu() - self.background.centre_on_cpu
-        turn = None if photographed else turn_to_seen(place, seen)
-        functions = view_functions((place if turn is None else turn @ place)[None], seen)[0]
-        elsewhere = 0.0 if photographed else share_elsewhere(place, seen)
         device = self.root_uv.device
+        if photographed or len(self.seen_from) == 0:
+            # On the device, where the cameras of a fit are, so that the host need not wait for a position.
+            direction = functional.normalize(camera.to(device).position - self.background.centre, dim=0)
+            return Viewpoint(None, 0.0, in_basis(direction[None], self.view_mean, self.view_axes)[0])
+        seen, place = self.seen_from, camera.position.cpu() - self.background.centre_on_cpu
+        turn, elsewhere = turn_to_seen(place, seen), share_elsewhere(place, seen)
+        direction = functional.normalize(place if turn is None else turn @ place, dim=0)
+        functions = view_functions(direction[None], seen, elsewhere)[0]
         return Viewpoint(None if turn is None else sent(turn, device), elsewhere, sent(functions, device))
+
+    def photographed_from(self, directions: Float[Tensor, "view 3"]) -> None:
+        """Remember the unit directions to the cameras of the photographs, at least one."""
+        self.seen_from = directions
+        for buffer, values in zip((self.view_mean, self.view_axes), view_basis(directions), strict=True):
+            buffer.copy_(values)
 
 
 def _uncorrected(maps: list[SplatMap]) -> Float[Tensor, "height width 4"]:

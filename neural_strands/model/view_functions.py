@@ -6,6 +6,8 @@ strand's change with these would be guessed. Each function has mean 0 over the p
 hardly differ in it.
 """
 
+import math
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -15,27 +17,52 @@ COUNT = 8
 """Number of functions."""
 LEAST_DEVIATION = 0.02
 """Combinations of harmonics whose standard deviation over the photographs is below this are not scaled up to 1."""
+AROUND = math.radians(10)
+"""Standard deviation of the weights of photographs around the nearest."""
 LIMIT = 2.5
 """Largest absolute value: beyond what the photographs show, colours stop changing."""
 
 
 def view_functions(
-    direction: Float[Tensor, "view 3"], seen: Float[Tensor, "photograph 3"]
+    direction: Float[Tensor, "view 3"], seen: Float[Tensor, "photograph 3"], elsewhere: float = 0.0
 ) -> Float[Tensor, "view function"]:
     """Evaluate the functions.
 
     Args:
         direction: unit directions from the hair to the cameras.
         seen: unit directions to the cameras of the photographs; without any, all functions are zero.
+        elsewhere: how far the cameras are from all photographs, from 0 to 1 (`seen_directions.share_elsewhere`). There,
+            polynomials would extrapolate, and the functions have the values of the photographs around the nearest.
     """
     if len(seen) == 0:
         return direction.new_zeros(len(direction), COUNT)
+    mean, axes = view_basis(seen)
+    functions = in_basis(direction.double(), mean, axes)
+    if elsewhere > 0:
+        weights = torch.softmax((direction @ seen.T).double() / AROUND**2, dim=1)
+        functions = torch.lerp(functions, weights @ in_basis(seen.double(), mean, axes), elsewhere)
+    return functions.to(direction)
+
+
+def view_basis(
+    seen: Float[Tensor, "photograph 3"],
+) -> tuple[Float[Tensor, " harmonic"], Float[Tensor, "harmonic function"]]:
+    """Mean of the harmonics over at least one photograph, and the matrix that makes them uncorrelated, in float64.
+
+    The matrix is symmetric: unlike the axes of the covariance, it does not depend on their signs and order.
+    """
     harmonics = _harmonics(seen.double())
     mean = harmonics.mean(dim=0)
     variance, axes = torch.linalg.eigh((harmonics - mean).T @ (harmonics - mean) / len(seen))
-    # Symmetric whitening: unlike the axes themselves, it does not depend on their signs and order.
     whiten = (axes / variance.clamp(min=LEAST_DEVIATION**2).sqrt()) @ axes.T
-    return ((_harmonics(direction.double()) - mean) @ whiten).clamp(-LIMIT, LIMIT).to(direction)
+    return mean, whiten
+
+
+def in_basis(
+    direction: Float[Tensor, "view 3"], mean: Float[Tensor, " harmonic"], axes: Float[Tensor, "harmonic function"]
+) -> Float[Tensor, "view function"]:
+    """The functions of unit directions, given what `view_basis` returned."""
+    return ((_harmonics(direction) - mean) @ axes).clamp(-LIMIT, LIMIT)
 
 
 def _harmonics(direction: Float[Tensor, "view 3"]) -> Float[Tensor, "view function"]:

@@ -34,7 +34,7 @@ def planted(generator):
     with torch.no_grad():
         strands = model.decode()
     cameras = [c for height in (0.2, 0.8) for c in turntable_cameras(strands.points, VIEWS // 2, (96, 96), height)]
-    model.seen_from = seen_from(torch.stack([camera.position for camera in cameras]), model.background.centre)
+    model.photographed_from(seen_from(torch.stack([camera.position for camera in cameras]), model.background.centre))
     with torch.no_grad():
         model.shading.decode[:, :3] = torch.eye(3)
         model.shading.mean.fill_(0.5)

@@ -65,7 +65,7 @@ def test_pictures_are_those_in_which_every_point_is_shaded(generator, monkeypatc
     for weights in hair.shading.parameters():
         weights += 0.1 * torch.randn(weights.shape, generator=generator)
     directions_to_photographs = [[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]] if turned else [[0.5, 0.2, -0.4], [0.2, 0.4, -0.5]]
-    hair.seen_from = normalize(torch.tensor(directions_to_photographs), dim=1)
+    hair.photographed_from(normalize(torch.tensor(directions_to_photographs), dim=1))
     strands = hair.decode()
     # As after a cut: the points that are left reach only a part of t.
     t = torch.linspace(0, 0.8, 100).expand(len(strands), 100).clone()
@@ -77,6 +77,8 @@ def test_pictures_are_those_in_which_every_point_is_shaded(generator, monkeypatc
     viewpoint = hair.viewpoint(camera)
     assert (viewpoint.turn is not None) == turned
     assert viewpoint.functions.any()
+    if not turned and viewpoint.elsewhere == 0:
+        torch.testing.assert_close(hair.viewpoint(camera, photographed=True).functions, viewpoint.functions)
     found = hair.render(strands, camera, light=light)
     monkeypatch.setattr(HairModel, "splat_descriptors", each_by_itself)
     expected = hair.render(strands, camera, light=light)

@@ -58,3 +58,17 @@ def test_far_from_the_photographs_they_are_bounded(generator):
     values = view_functions(directions(100, generator), seen)
     assert values.abs().max() == LIMIT
     assert not view_functions(directions(100, generator), seen[:0]).any()
+
+
+def test_elsewhere_they_have_the_values_of_photographs(generator):
+    """Nearest photographs count most, and nothing is extrapolated."""
+    seen, asked = directions(30, generator, spread=0.1), directions(100, generator)
+    at_photographs = view_functions(seen, seen)
+    values = view_functions(asked, seen, elsewhere=1.0)
+    low, high = at_photographs.amin(dim=0), at_photographs.amax(dim=0)
+    assert ((values >= low - 1e-5) & (values <= high + 1e-5)).all()
+    alone = torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    beside = normalize(torch.tensor([[0.05, 0.05, 1.0]]), dim=1)
+    torch.testing.assert_close(view_functions(beside, alone, 1.0), view_functions(alone, alone)[:1], atol=1e-4, rtol=0)
+    half = view_functions(asked, seen, elsewhere=0.5)
+    torch.testing.assert_close(half, (values + view_functions(asked, seen)) / 2)
