@@ -60,7 +60,7 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
 
 
 def initialise_hair_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
-    """Initialise the first three channels of Z_a to the hair's colour; the arguments are as above."""
+    """Initialise the first three channels of Z_a to the hair's colour; arguments as for `initialise_colours`."""
     colour, weight = photographed_colours(model, strands, targets)
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:

@@ -39,7 +39,7 @@ class Forecast:
         tracing_seconds: tracing the initial strands of straight hair; curls and waves take more.
         shape_seconds: one step that updates strands by the geometric loss.
         image_seconds: one step with an image.
-        colour_seconds: colours in closed form, once, before the first step with an image.
+        colour_seconds: finding colours in closed form.
         fit_seconds: all steps, and these colours.
         memory_bytes: peak of the trial steps plus that of tracing the initial strands.
     """
