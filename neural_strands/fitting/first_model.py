@@ -9,11 +9,12 @@ from neural_strands.fitting.config import FitConfig
 from neural_strands.fitting.first_strands import hair_roots, texture_from_latents, trace_first_strands
 from neural_strands.fitting.fit import FitState, start_fit
 from neural_strands.fitting.fit_data import FitData
+from neural_strands.fitting.view_colours import CLOSE
 from neural_strands.foundation.progress import Feedback
 from neural_strands.geometry.frames import to_local
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.networks import Networks, shipped_networks, start_networks
-from neural_strands.model.seen_directions import seen_from
+from neural_strands.model.seen_directions import seen_from, usual_gap
 from neural_strands.prior.vae import StrandPrior, load_prior
 
 
@@ -59,7 +60,10 @@ def first_model(
     if networks is not None:
         start_networks(model, networks)
     places = torch.stack([camera.position.cpu() for camera in data.views.cameras])
-    model.photographed_from(seen_from(places, model.background.centre.cpu()))
+    seen = seen_from(places, model.background.centre.cpu())
+    model.photographed_from(seen)
+    if usual_gap(seen) <= CLOSE:
+        model.textures.change_with_view()
     if first is not None:
         latents = prior.encode(to_local(first.strands.points, first.roots.position, first.roots.frame))
         texture = texture_from_latents(first.roots.uv, latents, config.model.textures.shape_size)

@@ -33,7 +33,7 @@ from neural_strands.fitting.schedule import (
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.step_figures import StepFigures
 from neural_strands.fitting.strand_width import estimate_width
-from neural_strands.fitting.view_colours import CLOSE, initialise_view_colours
+from neural_strands.fitting.view_colours import initialise_view_colours
 from neural_strands.foundation.devices.transfers import sent
 from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import deferred_interrupt
@@ -42,7 +42,6 @@ from neural_strands.geometry.views import View
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.networks import leave_colours
-from neural_strands.model.seen_directions import usual_gap
 
 REFRESH_EVERY = 10
 """Number of shape steps after which all remembered strands are decoded again, not only those of the current step."""
@@ -205,7 +204,7 @@ def step_generator(config: FitConfig, step: int, place: int) -> torch.Generator:
 
 def _shape_schedule(model: HairModel, config: FitConfig) -> tuple[int, int]:
     """The step at which strands settle, and in how many steps the shape is updated once until then."""
-    if usual_gap(model.seen_from) > CLOSE:
+    if len(model.textures.view) == 0:
         return config.steps, config.shape_every
     settled_at = settles(config.steps, config.schedule)
     often = max(1, round(config.shape_every * settled_at / config.steps))

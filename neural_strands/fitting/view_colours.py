@@ -19,6 +19,7 @@ from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.view_functions import COUNT
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
@@ -78,7 +79,7 @@ def initialise_view_colours(model: HairModel, strands: Strands, targets: Views |
     chosen = range(0, len(targets), -(-len(targets) // MOST_VIEWS) or 1)
     seen = [_seen(model, strands, targets[index], known) for index in chosen]
     height, width, _ = textures.appearance.shape
-    functions = 1 + len(textures.view)
+    functions = 1 + COUNT
 
     def sampled(texels: Tensor) -> Tensor:
         return sample_texture(texels, uv).view(len(uv), functions, textures.knots, 3)
@@ -98,7 +99,7 @@ def initialise_view_colours(model: HairModel, strands: Strands, targets: Views |
     solution = _solved(lambda x: normal(x) + ridge.flatten() * x, right, diagonal).unflatten(2, ridge.shape)
     with torch.no_grad():
         textures.appearance.unflatten(2, (textures.knots, -1))[..., :3] += solution[:, :, 0]
-        textures.view.copy_(solution[:, :, 1:].permute(2, 0, 1, 3, 4).flatten(3))
+        textures.view = solution[:, :, 1:].permute(2, 0, 1, 3, 4).flatten(3)
 
 
 def _solved(product: Callable[[Tensor], Tensor], right: Tensor, diagonal: Tensor) -> Tensor:

@@ -137,12 +137,12 @@ def _check_tensors(path: Path, tensors: dict[str, Tensor], config: HairModelConf
         InputError: a tensor is missing, is not finite, or has a shape that disagrees with the config or the other
             tensors.
     """
-    textures = config.textures
+    textures, changes = config.textures, tensors.get("textures.view")
     sides = {
         "texel": textures.shape_size,
         "latent": textures.shape_channels,
         "colour_texel": textures.appearance_size,
-        "view_function": view_functions.COUNT,
+        "view_function": 0 if changes is not None and changes.shape[:1] == (0,) else view_functions.COUNT,
         "view_colour": 3 * textures.appearance_knots,
         "feature": textures.appearance_channels * textures.appearance_knots,
     }

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from neural_strands.foundation.configs import Between
-from neural_strands.model import view_functions
+from neural_strands.model.view_functions import COUNT
 from neural_strands.raster.texture import sample_texture
 
 
@@ -36,8 +36,8 @@ class ScalpTextures(nn.Module):
         shape: Z_g.
         appearance: Z_a, as photographs show it.
         elsewhere: change of Z_a for cameras far from all photographs; zero until a fit ends.
-        view: change of the encoded colour with each view function, at each knot; zero until a fit estimates it in
-            closed form, and not learned.
+        view: change of the encoded colour with each view function, at each knot; estimated in closed form, not
+            learned. Without functions, colours do not change.
     """
 
     elsewhere: Tensor
@@ -53,8 +53,13 @@ class ScalpTextures(nn.Module):
         )
         self.register_buffer("elsewhere", torch.zeros_like(self.appearance))
         size = config.appearance_size
-        self.register_buffer("view", torch.zeros(view_functions.COUNT, size, size, config.appearance_knots * 3))
+        self.register_buffer("view", torch.zeros(0, size, size, config.appearance_knots * 3))
         self.knots = config.appearance_knots
+        self.register_load_state_dict_pre_hook(_make_room)
+
+    def change_with_view(self) -> None:
+        """Make room for changes with each view function, zero until they are estimated."""
+        self.view = self.view.new_zeros(COUNT, *self.view.shape[1:])
 
     def sample_shape(self, uv: Float[Tensor, "root 2"], blur: float = 0.0) -> Float[Tensor, "root latent"]:
         """Shape latents z_g at roots; `blur` (texels) spreads their gradient over neighbouring texels."""
@@ -84,5 +89,13 @@ class ScalpTextures(nn.Module):
             uv: on the scalp chart.
             functions: the view's functions (`model.view_functions`).
         """
+        if len(self.view) == 0:
+            return uv.new_zeros(len(uv), self.knots, 3)
         change = (functions @ self.view.flatten(1)).view(self.view.shape[1:])
         return sample_texture(change, uv).unflatten(1, (self.knots, 3))
+
+
+def _make_room(textures: ScalpTextures, state: dict[str, Tensor], prefix: str, *_: object) -> None:
+    """Give `view` the shape that it has in the state."""
+    if (view := state.get(f"{prefix}view")) is not None:
+        textures.view = textures.view.new_zeros(view.shape)

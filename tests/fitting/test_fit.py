@@ -16,7 +16,7 @@ from neural_strands.capture.capture import Capture
 from neural_strands.capture.head import find_head
 from neural_strands.capture.hold_out import held_out_views, training_views
 from neural_strands.capture.images import read_pixels
-from neural_strands.fitting import fit as fit_module
+from neural_strands.fitting import first_model
 from neural_strands.fitting.checkpoint import load_checkpoint, save_checkpoint
 from neural_strands.fitting.config import FitRates
 from neural_strands.fitting.first_model import begin, fit_prior
@@ -96,7 +96,7 @@ def test_given_strands_stay_while_their_appearance_is_learned(scene):
 @pytest.mark.usefixtures("shapes_unchecked")
 def test_once_strands_have_settled_they_stay_and_their_colours_change_with_the_view(scene, monkeypatch, far):
     if not far:
-        monkeypatch.setattr(fit_module, "CLOSE", math.inf)
+        monkeypatch.setattr(first_model, "CLOSE", math.inf)
     schedule = ScheduleConfig(widest_blur=2.0, geometry_only=0.25, settled_from=0.5, warmup=2)
     config = tiny_config(steps=12, shape_every=1, schedule=schedule)
     state, data = begin_tiny(scene, config)

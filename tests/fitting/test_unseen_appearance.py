@@ -81,6 +81,7 @@ def learned(scene):
     pixels = texel_sums(model, strands, knot_pixels(model, strands, data.views)[..., 0])
     shown = (pixels >= ENOUGH)[..., None]
     values = torch.where(shown, 1.0 + 0.1 * torch.rand(*pixels.shape, 1), -7.0).expand(-1, -1, -1, 16)
+    model.textures.change_with_view()
     with torch.no_grad():
         model.textures.appearance.copy_(values.flatten(2))
         # In every view function as in the appearance, with other signs for what was learned.

@@ -35,6 +35,7 @@ def planted(generator):
         strands = model.decode()
     cameras = [c for height in (0.2, 0.8) for c in turntable_cameras(strands.points, VIEWS // 2, (96, 96), height)]
     model.photographed_from(seen_from(torch.stack([camera.position for camera in cameras]), model.background.centre))
+    model.textures.change_with_view()
     with torch.no_grad():
         model.shading.decode[:, :3] = torch.eye(3)
         model.shading.mean.fill_(0.5)

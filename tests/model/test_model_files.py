@@ -84,6 +84,8 @@ TENSORS = {
     "nan": ({"root_position": torch.full((4, 3), torch.nan)}, "NaN or infinity in root_position"),
     "faces": ({"body.faces": torch.tensor([[0, 1, 3]])}, "faces beyond the body's 3 vertices"),
     "face type": ({"body.faces": torch.zeros(1, 3)}, "faces beyond the body's 3 vertices"),
+    "functions": ({"textures.view": torch.zeros(3, 4, 4, 3)}, r"textures\.view of shape \(3, 4, 4, 3\) in place of"),
+    "no axes": ({"textures.view": torch.tensor(0.0)}, "textures.view of shape none in place of"),
     "more": ({"surprise": torch.zeros(3)}, "surprise"),
 }
 
@@ -96,6 +98,15 @@ def test_wrong_tensors_are_one_sentence(saved, tmp_path, name):
     save_file({k: v for k, v in tensors.items() if v is not None}, folder / "model.safetensors")
     with pytest.raises(InputError, match=message):
         load_hair_model(folder)
+
+
+def test_colours_that_change_with_the_view_are_kept(saved, tmp_path):
+    model = load_hair_model(saved)
+    assert model.textures.view.shape == (0, 4, 4, 3)
+    model.textures.change_with_view()
+    model.textures.view.normal_(generator=torch.Generator().manual_seed(0))
+    save_hair_model(model, tmp_path / "changing")
+    assert torch.equal(load_hair_model(tmp_path / "changing").textures.view, model.textures.view)
 
 
 @fuzz(60)

@@ -61,6 +61,7 @@ def test_pictures_are_those_in_which_every_point_is_shaded(generator, monkeypatc
     hair = tiny_hair_model(points=100)
     for texture in (hair.textures.appearance, hair.textures.elsewhere):
         texture.normal_(generator=generator)
+    hair.textures.change_with_view()
     hair.textures.view.normal_(generator=generator).mul_(0.05)
     for weights in hair.shading.parameters():
         weights += 0.1 * torch.randn(weights.shape, generator=generator)
