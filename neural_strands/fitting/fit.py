@@ -88,7 +88,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
     """Start at step 0 from a model whose shape texture holds the first strands."""
     rates = config.rates
     groups = [
-        {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape},
+        {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape, "settles": True},
         {
             "params": [model.textures.appearance],
             "lr": rates.appearance,
@@ -99,6 +99,7 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
         {"params": [model.body.colour], "lr": rates.surround, "rate": rates.surround},
         {"params": list(model.grain.parameters()), "lr": rates.grain, "rate": rates.grain},
     ]
+    # The rate of what settles falls until then, the others until the last step.
     on_cpu = model.root_uv.device.type == "cpu"
     # Texels seen by only a few pixels have gradients far below Adam's usual epsilon. One pass over the memory is many
     # times as fast on the CPU; on CUDA it would move the step counters to the device (see `load_checkpoint`).
@@ -163,10 +164,10 @@ def _take_step(
     step = state.step
     if told is not None:
         told.begin()
-    factor = rate_factor(step, config.steps, config.schedule)
     settled_at, shape_every = _shape_schedule(state.model, config)
     for group in state.optimiser.param_groups:
-        group["lr"] = factor * (group["rate"] if step < settled_at else group.get("settled_rate", group["rate"]))
+        rate = group["rate"] if step < settled_at else group.get("settled_rate", group["rate"])
+        group["lr"] = rate * rate_factor(step, settled_at if group.get("settles") else config.steps, config.schedule)
     state.optimiser.zero_grad(set_to_none=True)
     with_images = step >= images_from
     in_turn = shape_every > 0 and (step - images_from) % shape_every == 0
@@ -229,8 +230,9 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     random = step_generator(config, state.step, 0)
     chosen = StepStrands.drawn(len(state.remembered), config.strands_per_step, random, device)
     targets = sent(torch.randint(len(data.segments), (config.targets_per_step,), generator=random), device)
-    blur = blur_width(state.step, config.steps, config.schedule)
-    released = released_points(state.step, config.steps, config.step_points, config.schedule) / config.step_points
+    settled_at, _ = _shape_schedule(model, config)
+    blur = blur_width(state.step, settled_at, config.schedule)
+    released = released_points(state.step, settled_at, config.step_points, config.schedule) / config.step_points
     if _shape_steps(state, config) % LOOK_EVERY == 0:
         state.seen = seen_points(model, state.remembered, data.views.cameras)
     strands = hold_unreleased(model.decode(config.step_points, blur, chosen.index).points, released)

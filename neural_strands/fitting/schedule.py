@@ -32,7 +32,8 @@ class ScheduleConfig:
     settled_from: Annotated[float, Between(0, 1)] = 1.0
     """Fraction of the steps after which strands keep their shape, if photographs are close to each other. The colours
     of the places on them are then found once more in closed form, with their changes from view to view; on strands that
-    move, they would soon lie elsewhere. Until then, shape steps are as many as they would be in all steps."""
+    move, they would soon lie elsewhere. Until then, shape steps are as many as they would be in all steps, and the schedules
+    of the shape run their whole course."""
     warmup: Annotated[int, Between(0, 10_000_000)] = 50
     """Steps over which learning rates rise from zero."""
     final_rate: Annotated[float, Between(0, 1)] = 0.1

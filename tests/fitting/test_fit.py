@@ -22,7 +22,7 @@ from neural_strands.fitting.config import FitRates
 from neural_strands.fitting.first_model import begin, fit_prior
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
-from neural_strands.fitting.schedule import ScheduleConfig
+from neural_strands.fitting.schedule import ScheduleConfig, rate_factor
 from neural_strands.foundation.errors import InputError
 from neural_strands.geometry.signed_distance import signed_distance
 from neural_strands.geometry.strands import Strands
@@ -106,6 +106,10 @@ def test_once_strands_have_settled_they_stay_and_their_colours_change_with_the_v
     run(state, data, config, until=6)
     settled, drawn = state.model.textures.shape.detach().clone(), state.drawn.clone()
     assert not torch.equal(settled, before)
+    # The rate of the shape has fallen by the time at which strands settle, those of appearance only at the end.
+    falls = [group["lr"] / group["rate"] for group in state.optimiser.param_groups]
+    assert falls[1:] == pytest.approx([rate_factor(5, 12, schedule)] * (len(falls) - 1))
+    assert falls[0] == pytest.approx(rate_factor(5, 12 if far else 6, schedule))
     figures = run(state, data, config)
     assert torch.equal(state.model.textures.shape, settled) == (not far)
     assert torch.equal(state.drawn, drawn) == (not far)
