@@ -26,6 +26,7 @@ from neural_strands.fitting.schedule import (
     appearance_begins,
     appearance_blur_width,
     blur_width,
+    improves,
     rate_factor,
     released_points,
     settles,
@@ -33,7 +34,7 @@ from neural_strands.fitting.schedule import (
 from neural_strands.fitting.seen_points import front_segments, seen_points
 from neural_strands.fitting.step_figures import StepFigures
 from neural_strands.fitting.strand_width import estimate_width
-from neural_strands.fitting.view_colours import initialise_view_colours
+from neural_strands.fitting.view_colours import improve_colours, initialise_view_colours
 from neural_strands.foundation.devices.transfers import sent
 from neural_strands.foundation.gradients import Adam
 from neural_strands.foundation.interrupts import deferred_interrupt
@@ -177,6 +178,9 @@ def _take_step(
         _first_colours(state, data, config)
     if step == settled_at:
         _settled_colours(state, data)
+    if settled_at < config.steps and step == improves(config.steps, config.schedule):
+        strands = Strands(state.drawn, root_uv=state.model.root_uv)
+        improve_colours(state.model, strands, data.views)
     if shape_moves:
         figures |= _shape_part(state, data, config, workers)
     if with_images:

@@ -32,8 +32,11 @@ class ScheduleConfig:
     settled_from: Annotated[float, Between(0, 1)] = 1.0
     """Fraction of the steps after which strands keep their shape, if photographs are close to each other. The colours
     of the places on them are then found once more in closed form, with their changes from view to view; on strands that
-    move, they would soon lie elsewhere. Until then, shape steps are as many as they would be in all steps, and the schedules
-    of the shape run their whole course."""
+    move, they would soon lie elsewhere. Until then, shape steps are as many as they would be in all steps, and the
+    schedules of the shape run their whole course."""
+    improved_from: Annotated[float, Between(0, 1)] = 0.8
+    """Fraction of the steps after which what settled strands still lack in the photographs is found in closed form,
+    too. The steps that remain give back sharpness to what least squares have averaged."""
     warmup: Annotated[int, Between(0, 10_000_000)] = 50
     """Steps over which learning rates rise from zero."""
     final_rate: Annotated[float, Between(0, 1)] = 0.1
@@ -67,6 +70,12 @@ def appearance_begins(steps: int, config: ScheduleConfig) -> int:
 def settles(steps: int, config: ScheduleConfig) -> int:
     """The first step from which on strands keep their shape; `steps` if none is."""
     return max(appearance_begins(steps, config), math.ceil(config.settled_from * steps))
+
+
+def improves(steps: int, config: ScheduleConfig) -> int | None:
+    """The step before which the colours of settled strands are improved; None if they are not."""
+    step = math.ceil(config.improved_from * steps)
+    return step if settles(steps, config) < step < steps else None
 
 
 def rate_factor(step: int, steps: int, config: ScheduleConfig) -> float:

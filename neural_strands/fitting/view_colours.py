@@ -1,4 +1,4 @@
-"""How the colours of strands change from view to view, in closed form, where a fit starts.
+"""How the colours of strands change from view to view, in closed form.
 
 The colour of a pixel is about the mean of the colours of the points that it sees, and these are linear in the textures.
 Least squares therefore tell both the colours of the strands and their changes with the view. Each texel is seen by few
@@ -6,7 +6,7 @@ pixels, so the squares of all changes count as well (ridge regression).
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
+from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.view_functions import COUNT
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
@@ -67,17 +68,36 @@ def initialise_view_colours(model: HairModel, strands: Strands, targets: Views |
     """Initialise the changes of colours with the view, and improve the colours in the first channels of Z_a.
 
     Args:
-        model: modified in place; its first colours are known.
+        model: modified in place; its first colours are known, and its networks leave them alone. It has room for the
+            changes (`ScalpTextures.change_with_view`).
         strands: world metres, with `root_uv`.
         targets: the photographs of the fit.
     """
-    textures = model.textures
     if model.config.textures.appearance_channels < 3:
         return
-    uv = strands.chart_positions()
-    known = textures.sample_appearance(uv)[..., :3].detach() + model.shading.mean.detach()
-    chosen = range(0, len(targets), -(-len(targets) // MOST_VIEWS) or 1)
-    seen = [_seen(model, strands, targets[index], known) for index in chosen]
+    known = model.textures.sample_appearance(strands.chart_positions())[..., :3] + model.shading.mean
+    _add_solution(model, strands, [_unexplained(model, strands, target, known.detach()) for target in _chosen(targets)])
+
+
+def improve_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
+    """Improve colours and their changes, once networks have learned, by what renderings lack in the photographs.
+
+    The arguments are those of `initialise_view_colours`.
+    """
+    if model.config.textures.appearance_channels < 3:
+        return
+    volume = hair_volume(strands.points)
+    _add_solution(model, strands, [_lacking(model, strands, target, volume) for target in _chosen(targets)])
+
+
+def _chosen(targets: Views | Sequence[View]) -> Iterator[View]:
+    step = -(-len(targets) // MOST_VIEWS) or 1
+    return (targets[index] for index in range(0, len(targets), step))
+
+
+def _add_solution(model: HairModel, strands: Strands, seen: Sequence[SeenPoints]) -> None:
+    """Add to the textures what explains best what remains of the photographs' colours."""
+    textures, uv = model.textures, strands.chart_positions()
     height, width, _ = textures.appearance.shape
     functions = 1 + COUNT
 
@@ -87,7 +107,7 @@ def initialise_view_colours(model: HairModel, strands: Strands, targets: Views |
     def normal(texels: Tensor) -> Tensor:
         return _transposed(texels, sampled, seen, lambda part, knots: part.pixels(knots))
 
-    start = known.new_zeros(height, width, functions * textures.knots * 3)
+    start = uv.new_zeros(height, width, functions * textures.knots * 3)
     right = _transposed(start, sampled, seen, lambda part, _: part.rest)
     ridge = torch.full((functions, textures.knots, 3), RIDGE_VIEW, device=uv.device)
     ridge[0] = RIDGE_COLOUR
@@ -99,7 +119,7 @@ def initialise_view_colours(model: HairModel, strands: Strands, targets: Views |
     solution = _solved(lambda x: normal(x) + ridge.flatten() * x, right, diagonal).unflatten(2, ridge.shape)
     with torch.no_grad():
         textures.appearance.unflatten(2, (textures.knots, -1))[..., :3] += solution[:, :, 0]
-        textures.view = solution[:, :, 1:].permute(2, 0, 1, 3, 4).flatten(3)
+        textures.view += solution[:, :, 1:].permute(2, 0, 1, 3, 4).flatten(3)
 
 
 def _solved(product: Callable[[Tensor], Tensor], right: Tensor, diagonal: Tensor) -> Tensor:
@@ -139,7 +159,22 @@ def _transposed(
 
 
 @torch.no_grad()
-def _seen(model: HairModel, strands: Strands, target: View, known: Float[Tensor, "strand knot 3"]) -> SeenPoints:
+def _unexplained(model: HairModel, strands: Strands, target: View, known: Float[Tensor, "strand knot 3"]) -> SeenPoints:
+    """What a photograph has beyond known colours, the same in all views."""
+    found = _seen(model, strands, target, target.image)
+    own = known.new_zeros(len(known), len(found.functions), *known.shape[1:])
+    own[:, 0] = known
+    return replace(found, rest=found.rest - found.pixels(own))
+
+
+@torch.no_grad()
+def _lacking(model: HairModel, strands: Strands, target: View, volume: HairVolume) -> SeenPoints:
+    """What a photograph has beyond its rendering."""
+    rendered = model.render(strands, target.camera, volume=volume, photographed=True)
+    return _seen(model, strands, target, target.image - rendered.rgb)
+
+
+def _seen(model: HairModel, strands: Strands, target: View, rest: Float[Tensor, "height width 3"]) -> SeenPoints:
     lines = model.draw(strands, target.camera).lines
     visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
     count = target.camera.width * target.camera.height
@@ -152,8 +187,4 @@ def _seen(model: HairModel, strands: Strands, target: View, known: Float[Tensor,
     strand, t, pixel = visible.strand[kept], visible.t[kept], visible.pixel[kept]
     share = (visible.weight / covered.clamp(min=1)[visible.pixel])[kept]
     functions = torch.cat([share.new_ones(1), model.viewpoint(target.camera, photographed=True).functions])
-    rest = target.image.reshape(-1, 3)[sure]
-    found = SeenPoints(strand, t, number[pixel], share, functions, rest)
-    own = known.new_zeros(len(known), len(functions), *known.shape[1:])
-    own[:, 0] = known
-    return replace(found, rest=rest - found.pixels(own))
+    return SeenPoints(strand, t, number[pixel], share, functions, rest.reshape(-1, 3)[sure])

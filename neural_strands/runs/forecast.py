@@ -13,7 +13,7 @@ from neural_strands.fitting.first_model import begin
 from neural_strands.fitting.fit import fit
 from neural_strands.fitting.fit_data import gather_fit_data
 from neural_strands.fitting.losses import Perceptual
-from neural_strands.fitting.schedule import appearance_begins
+from neural_strands.fitting.schedule import appearance_begins, improves
 from neural_strands.flow.hair_flow import flow_memory
 from neural_strands.geometry.distance_grid import SignedDistanceGrid
 from neural_strands.geometry.line_segments import LineSegments
@@ -96,14 +96,18 @@ def forecast(
     stand_in = LineSegments(points, roots.frame[..., 0].contiguous(), torch.ones(len(points)), count)
     # Of a GPU's first few steps of each kind, most of the time is spent on loading kernels.
     each = 8 if device.type == "cuda" else 3
-    trial = replace(config, steps=2 * each, initialise="mean", schedule=replace(config.schedule, geometry_only=0.5))
+    schedule = replace(config.schedule, geometry_only=0.5, improved_from=1.0)
+    trial = replace(config, steps=2 * each, initialise="mean", schedule=schedule)
     # A step compares strands with the streaks of few views; the time does not depend on which.
     data = gather_fit_data(capture, head, stand_in, trial, device, distance, config.streaks.views)
     seconds: list[float] = []
-    fit(begin(data, prior, trial), data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
+    state = begin(data, prior, trial)
+    fit(state, data, trial, perceptual, after_step=lambda _, row: seconds.append(row["seconds"]))
     shape, image = min(seconds[1:each]), sum(sorted(seconds[each:])[:2]) / 2
     # Part of the first step with an image.
     colours = max(0.0, seconds[each] - image)
+    if len(state.model.textures.view) and improves(config.steps, config.schedule):
+        colours *= 2  # Improving them takes about as long.
     plain = appearance_begins(config.steps, config.schedule)
     # Measured before the trials of tracing and stereo raise the peak.
     memory, tracing = peak_memory(device), 0.0

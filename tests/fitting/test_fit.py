@@ -110,7 +110,10 @@ def test_once_strands_have_settled_they_stay_and_their_colours_change_with_the_v
     falls = [group["lr"] / group["rate"] for group in state.optimiser.param_groups]
     assert falls[1:] == pytest.approx([rate_factor(5, 12, schedule)] * (len(falls) - 1))
     assert falls[0] == pytest.approx(rate_factor(5, 12 if far else 6, schedule))
+    run(state, data, config, until=10)
+    changes = state.model.textures.view.clone()
     figures = run(state, data, config)
+    assert torch.equal(state.model.textures.view, changes) == far
     assert torch.equal(state.model.textures.shape, settled) == (not far)
     assert torch.equal(state.drawn, drawn) == (not far)
     assert bool(state.model.textures.view.any()) == (not far)

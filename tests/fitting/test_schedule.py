@@ -13,6 +13,7 @@ from neural_strands.fitting.schedule import (
     appearance_begins,
     appearance_blur_width,
     blur_width,
+    improves,
     rate_factor,
     released_points,
     settles,
@@ -61,6 +62,14 @@ def test_strands_settle_at_their_share_of_the_steps_and_not_before_images_count(
     assert settles(1000, ScheduleConfig(settled_from=0.5)) == 500
     assert settles(1000, ScheduleConfig()) == 1000
     assert settles(1000, ScheduleConfig(geometry_only=0.3, settled_from=0.1)) == 300
+
+
+def test_colours_are_improved_between_settling_and_the_end():
+    assert improves(1000, ScheduleConfig(settled_from=0.5)) == 800
+    assert improves(1000, ScheduleConfig(settled_from=0.5, improved_from=0.7001)) == 701
+    assert improves(1000, ScheduleConfig(settled_from=0.8)) is None
+    assert improves(1000, ScheduleConfig(settled_from=0.5, improved_from=1.0)) is None
+    assert improves(1000, ScheduleConfig()) is None
 
 
 def test_strands_are_released_from_root_to_tip():

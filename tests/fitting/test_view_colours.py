@@ -8,7 +8,7 @@ from tiny_hair import tiny_hair_model
 
 from neural_strands.fitting import view_colours
 from neural_strands.fitting.first_colours import initialise_colours
-from neural_strands.fitting.view_colours import initialise_view_colours
+from neural_strands.fitting.view_colours import improve_colours, initialise_view_colours
 from neural_strands.foundation.srgb import to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.turntable import turntable_cameras
@@ -68,6 +68,31 @@ def test_planted_changes_are_found_also_for_views_that_were_held_out(planted, mo
     after = error(model, strands, held), error(model, strands, shown[0])
     assert after[0] < 0.35 * before[0]
     assert after[1] < 0.2 * before[1]
+
+
+def test_what_renderings_lack_is_found_whatever_the_networks_make_of_colours(planted, monkeypatch, generator):
+    monkeypatch.setattr(view_colours, "RIDGE_COLOUR", 0.01)
+    monkeypatch.setattr(view_colours, "RIDGE_VIEW", 0.01)
+    model, strands, views = planted
+
+    def rendered(view):
+        with torch.no_grad():
+            return model.render(strands, view.camera, photographed=True)
+
+    outputs = [rendered(view) for view in views]
+    views = [View(view.camera, out.rgb, out.alpha) for view, out in zip(views, outputs, strict=True)]
+    with torch.no_grad():
+        model.shading.mean += 0.05
+        model.textures.view += 0.03 * torch.randn(model.textures.view.shape, generator=generator)
+
+    def errors():
+        sure = [view.hair_mask > view_colours.LEAST_HAIR for view in views]
+        assert min(int(part.sum()) for part in sure) > 50
+        return [float((rendered(v).rgb - v.image)[part].square().mean()) for v, part in zip(views, sure, strict=True)]
+
+    before = errors()
+    improve_colours(model, strands, views)
+    assert all(now < 0.03 * then for now, then in zip(errors(), before, strict=True))
 
 
 def test_without_hair_masks_and_without_visible_hair_nothing_breaks(planted):
