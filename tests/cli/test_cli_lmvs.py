@@ -10,7 +10,11 @@ import torch
 from tiny_capture import RADIUS, write_capture
 
 from neural_strands.capture.capture import Capture
+from neural_strands.capture.head import find_head
 from neural_strands.cli.main import main
+from neural_strands.fitting.config import FitConfig
+from neural_strands.fitting.stereo import find_segments
+from neural_strands.foundation.progress import untracked
 from neural_strands.lmvs.files import load_segments, load_segments_source
 from neural_strands.lmvs.reconstruct import LmvsConfig
 
@@ -155,6 +159,21 @@ def test_complete_fills_gaps_between_the_same_chains(ball, tmp_path):
     added = full.segment_id >= sure.segment_count
     assert (torch.bincount(full.segment_id[added])[sure.segment_count :] == 2).all()
     assert (full.confidence[added] < 0.2).all()
+
+
+@pytest.mark.usefixtures("shapes_unchecked")
+def test_fewer_confirming_views_find_more_and_give_what_a_fit_finds(ball, tmp_path):
+    out, options = tmp_path / "out", ["--complete", "never"]
+    assert main(["lmvs", str(ball), str(out), *options]) == 0
+    sure, before = load_segments(out / "segments.npz"), stamps(out)
+    assert main(["lmvs", str(ball), str(out), *options, "--confirming", "1.4"]) == 0
+    more = load_segments(out / "segments.npz")
+    assert stamps(out) == before
+    assert len(more) > len(sure)
+    capture = Capture.load(ball)
+    fitted = find_segments(capture, find_head(capture), FitConfig(), None, untracked)
+    assert torch.equal(more.points, fitted.points)
+    assert torch.equal(more.directions, fitted.directions)
 
 
 def test_refusals_are_one_sentence(ball, tmp_path, capsys):

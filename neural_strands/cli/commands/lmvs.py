@@ -42,6 +42,9 @@ class Lmvs:
     hold_out_every: Annotated[int, Between(0, 1_000_000)] = 0
     """Leave out one photograph in this many, the last of each group, as `fit` does for its evaluation; 0 leaves out
     none. Segments for `fit --segments` need the number that the fit uses: 5, unless its settings were changed."""
+    confirming: Annotated[float, Between(0, 100)] = 2.0
+    """Number of other views that must confirm a line. With fewer, segments cover more of the hair, and fewer of them
+    are correct. The stereo of `fit` asks for 1.4 and fills no gaps (`--complete never`)."""
     size: int | None = None
     """Reduce photographs to at most this many pixels along the longer side: half the size takes a quarter of the time
     and gives coarser segments. Default: full size."""
@@ -86,7 +89,7 @@ class Lmvs:
         views = capture.views_on(device)
         if self.size is not None:
             views = views.reduced(self.size)
-        config = LmvsConfig(complete=self.complete)
+        config = LmvsConfig(confirming=self.confirming, complete=self.complete)
         there = None if head is None else head.to(device)
         segments = reconstruct(views, there, config, seeded(self.seed), self.out / "work", track).to("cpu")
         strokes = [lift_stroke(stroke, segments) for stroke in drawn]
