@@ -88,6 +88,7 @@ class FitState:
 def start_fit(model: HairModel, config: FitConfig) -> FitState:
     """Start at step 0 from a model whose shape texture holds the first strands."""
     rates = config.rates
+    # The rate of what settles falls until strands do, the others until the last step.
     groups = [
         {"params": [model.textures.shape], "lr": rates.shape, "rate": rates.shape, "settles": True},
         {
@@ -100,7 +101,6 @@ def start_fit(model: HairModel, config: FitConfig) -> FitState:
         {"params": [model.body.colour], "lr": rates.surround, "rate": rates.surround},
         {"params": list(model.grain.parameters()), "lr": rates.grain, "rate": rates.grain},
     ]
-    # The rate of what settles falls until then, the others until the last step.
     on_cpu = model.root_uv.device.type == "cpu"
     # Texels seen by only a few pixels have gradients far below Adam's usual epsilon. One pass over the memory is many
     # times as fast on the CPU; on CUDA it would move the step counters to the device (see `load_checkpoint`).
@@ -218,10 +218,8 @@ def _shape_schedule(model: HairModel, config: FitConfig) -> tuple[int, int]:
 
 def _shape_steps(state: FitState, config: FitConfig) -> int:
     """Number of earlier steps that updated the shape, given that this one does."""
-    images_from, (_, shape_every) = (
-        appearance_begins(config.steps, config.schedule),
-        _shape_schedule(state.model, config),
-    )
+    images_from = appearance_begins(config.steps, config.schedule)
+    _, shape_every = _shape_schedule(state.model, config)
     return state.step if state.step < images_from else images_from + (state.step - images_from) // shape_every
 
 

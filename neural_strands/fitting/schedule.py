@@ -36,7 +36,7 @@ class ScheduleConfig:
     schedules of the shape run their whole course."""
     improved_from: Annotated[float, Between(0, 1)] = 0.8
     """Fraction of the steps after which what settled strands still lack in the photographs is found in closed form,
-    too. The steps that remain give back sharpness to what least squares have averaged."""
+    too. In the remaining steps, the perceptual loss recovers."""
     warmup: Annotated[int, Between(0, 10_000_000)] = 50
     """Steps over which learning rates rise from zero."""
     final_rate: Annotated[float, Between(0, 1)] = 0.1

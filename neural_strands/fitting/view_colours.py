@@ -21,6 +21,7 @@ from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
 from neural_strands.model.hair_volume import HairVolume, hair_volume
 from neural_strands.model.view_functions import COUNT
+from neural_strands.raster.lines import LineBuffer
 from neural_strands.raster.texture import sample_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
@@ -161,7 +162,7 @@ def _transposed(
 @torch.no_grad()
 def _unexplained(model: HairModel, strands: Strands, target: View, known: Float[Tensor, "strand knot 3"]) -> SeenPoints:
     """What a photograph has beyond known colours, the same in all views."""
-    found = _seen(model, strands, target, target.image)
+    found = _seen(model, strands, target, model.draw(strands, target.camera).lines, target.image)
     own = known.new_zeros(len(known), len(found.functions), *known.shape[1:])
     own[:, 0] = known
     return replace(found, rest=found.rest - found.pixels(own))
@@ -171,11 +172,13 @@ def _unexplained(model: HairModel, strands: Strands, target: View, known: Float[
 def _lacking(model: HairModel, strands: Strands, target: View, volume: HairVolume) -> SeenPoints:
     """What a photograph has beyond its rendering."""
     rendered = model.render(strands, target.camera, volume=volume, photographed=True)
-    return _seen(model, strands, target, target.image - rendered.rgb)
+    return _seen(model, strands, target, rendered.lines, target.image - rendered.rgb)
 
 
-def _seen(model: HairModel, strands: Strands, target: View, rest: Float[Tensor, "height width 3"]) -> SeenPoints:
-    lines = model.draw(strands, target.camera).lines
+def _seen(
+    model: HairModel, strands: Strands, target: View, lines: LineBuffer, rest: Float[Tensor, "height width 3"]
+) -> SeenPoints:
+    """The points that a photograph sees, given the lines drawn for it and what remains of its colours."""
     visible = visible_points(lines, strands.points, model.config.supersample, strands.t)
     count = target.camera.width * target.camera.height
     covered = visible.weight.new_zeros(count).index_add_(0, visible.pixel, visible.weight)
