@@ -20,6 +20,7 @@ from neural_strands.foundation.gradients import weighted_gradient
 from neural_strands.foundation.srgb import to_linear, to_srgb
 from neural_strands.geometry.cameras import Camera
 from neural_strands.geometry.mesh import Mesh, face_normals
+from neural_strands.geometry.mesh_queries import closest_points
 from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.compositing import drawn_share
@@ -44,6 +45,9 @@ APART = 2
 AS_SEEN = 0.1
 """Weight with which the body also takes a pixel's colour as it is, relative to the body's share of the pixel. Under
 dense hair, only noise is left once the light of the hair is removed."""
+UNDER_HAIR = 0.6
+"""Light of the scalp between roots, relative to that of the hair that grows there: stubble and shadow, which strands do
+not show, hide the skin."""
 
 
 def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
@@ -54,14 +58,22 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
         strands: world metres, with `root_uv`.
         targets: photographs; those with a mask separate hair from the rest.
     """
-    _body(model, strands, targets)
+    hair = photographed_colours(model, strands, targets)
+    _body(model, strands, targets, hair)
     _background(model, strands, targets)
-    initialise_hair_colours(model, strands, targets)
+    _hair_texture(model, strands, hair)
 
 
 def initialise_hair_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
     """Initialise the first three channels of Z_a to the hair's colour; arguments as for `initialise_colours`."""
-    colour, weight = photographed_colours(model, strands, targets)
+    _hair_texture(model, strands, photographed_colours(model, strands, targets))
+
+
+def _hair_texture(
+    model: HairModel, strands: Strands, hair: tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]
+) -> None:
+    """Set the first three channels of Z_a to the `photographed_colours` of the strands."""
+    colour, weight = hair
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
         return
@@ -120,7 +132,12 @@ def fill_texture(
     return torch.where(weight > TINY, mean, around)
 
 
-def _body(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
+def _body(
+    model: HairModel,
+    strands: Strands,
+    targets: Views | Sequence[View],
+    hair_colours: tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]],
+) -> None:
     """Set each texel of the body to the mean of the pixels that show it; see `body_texture` for the others.
 
     A person mask determines which pixels show the body. Without one, it is also sampled between hair, in its shadow.
@@ -143,7 +160,8 @@ def _body(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -
         weights += weighted_gradient(shown, part * squarely, colours)
     with torch.no_grad():
         if weights.sum() > TINY:
-            texture = body_texture(sums, weights[..., :1], model.body.atlas, model.body.mesh)
+            scalp = colours_under_hair(strands, *hair_colours, model.body.mesh)
+            texture = body_texture(sums, weights[..., :1], model.body.atlas, model.body.mesh, scalp)
             colours.copy_(texture.clamp(min=0.0))
 
 
@@ -188,11 +206,34 @@ def _light_of_hair(
     return (blurred[..., :3] + EVERYWHERE * mean) / (blurred[..., 3:] + EVERYWHERE)
 
 
+def colours_under_hair(
+    strands: Strands, colour: Float[Tensor, "strand 3"], weight: Float[Tensor, " strand"], body: Mesh
+) -> Float[Tensor, "vertex 4"]:
+    """Colours of the scalp between roots, a darker shade of the hair that grows there, with their weights.
+
+    Args:
+        strands: world metres.
+        colour: linear, of each strand.
+        weight: zero for strands that no photograph shows, which do not count.
+        body: the mesh on which the strands grow.
+
+    Returns:
+        weighted colour and weight of each vertex; the weight is 1 where at least one strand grows.
+    """
+    known = weight > TINY
+    found, sums = closest_points(strands.points[known, 0], body), colour.new_zeros(len(body.vertices), 4)
+    values = torch.cat([UNDER_HAIR * colour, torch.ones_like(weight)[:, None]], dim=1)[known]
+    for corner, share in enumerate(found.barycentric.unbind(dim=1)):
+        sums.index_add_(0, body.faces[found.face, corner], share[:, None] * values)
+    return sums / sums[:, 3:].clamp(min=1.0)
+
+
 def body_texture(
     total: Float[Tensor, "height width 3"],
     weight: Float[Tensor, "height width 1"],
     atlas: FaceAtlas,
     body: Mesh,
+    scalp: Float[Tensor, "vertex 4"],
 ) -> Float[Tensor, "height width 3"]:
     """Weighted means of texels; those that few pixels show also take the colour at the corners of their face.
 
@@ -203,6 +244,7 @@ def body_texture(
         weight: sums of weights, in pixels; more than zero for at least one texel.
         atlas: where the faces lie in the texture.
         body: the mesh whose texture it is.
+        scalp: `colours_under_hair`, for vertices that less than a pixel shows.
     """
     texels = atlas.texels()
     texel, face, share = (part.to(total.device) for part in (texels.texel, texels.face, texels.barycentric))
@@ -211,6 +253,7 @@ def body_texture(
     at_vertices = values.new_zeros(len(body.vertices), 4)
     for corner in range(3):
         at_vertices.index_add_(0, corners[:, corner], share[:, corner, None] * values[texel])
+    at_vertices += (1 - at_vertices[:, 3:]).clamp(min=0.0) * scalp
     seen = at_vertices[:, 3]
     colour = extend_over_mesh(at_vertices[:, :3] / seen.clamp(min=TINY)[:, None], seen.clamp(max=1.0), body)
     around = (colour[corners] * share[..., None]).sum(dim=1)

@@ -19,8 +19,9 @@ from torch.nn import functional as F
 
 from neural_strands.foundation.smoothstep import smoothstep
 
-LEAST_SLACK = math.radians(30)
-"""Least value of the angle to the nearest photograph up to which nothing is rotated."""
+LEAST_SLACK = math.radians(15)
+"""Least value of the angle to the nearest photograph up to which nothing is rotated. At 30 degrees, networks that had
+learned from photographs within 26 degrees drew a green haze over black hair, from 20 degrees away on."""
 SPACINGS = 1.5
 """The same angle, as a multiple of the widest gap between neighbouring photographs: networks interpolate within it. It
 is also the angle from which on a camera looks from elsewhere, and half of it where it begins to."""

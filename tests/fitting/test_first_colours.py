@@ -7,7 +7,9 @@ import torch
 
 from neural_strands.fitting.first_colours import (
     AS_SEEN,
+    UNDER_HAIR,
     body_texture,
+    colours_under_hair,
     fill_texture,
     initialise_colours,
     photographed_colours,
@@ -88,13 +90,17 @@ def test_texels_that_no_pixel_shows_take_the_colour_at_the_corners_of_their_face
     weight[texels.texel[texels.face == 0]] = 50.0
     colour = torch.tensor([0.2, 0.4, 0.6])
     shape = (atlas.size, atlas.size, -1)
-    found = body_texture((weight * colour).view(shape), weight.view(shape), atlas, body).view(-1, 3)[texels.texel]
+    found = body_texture(
+        (weight * colour).view(shape), weight.view(shape), atlas, body, torch.zeros(len(body.vertices), 4)
+    ).view(-1, 3)[texels.texel]
     torch.testing.assert_close(found, colour.expand_as(found))
     # One red texel among many does not colour its face.
     total = weight * colour
     speck = texels.texel[texels.face == 1][5]
     weight[speck], total[speck] = 0.05, torch.tensor([0.05, 0.0, 0.0])
-    found = body_texture(total.view(shape), weight.view(shape), atlas, body).view(-1, 3)
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body, torch.zeros(len(body.vertices), 4)).view(
+        -1, 3
+    )
     others = texels.texel[texels.texel != speck]
     assert (found[others] - colour).abs().max() < 0.01
     assert (found[speck] - colour).abs().max() < 0.2
@@ -114,9 +120,37 @@ def test_where_nothing_is_seen_the_body_continues_what_lies_around():
         there = texels.texel[texels.face == face]
         weight[there], total[there] = 50.0, 50.0 * colour
     shape = (atlas.size, atlas.size, -1)
-    found = body_texture(total.view(shape), weight.view(shape), atlas, body).view(-1, 3)
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body, torch.zeros(len(body.vertices), 4)).view(
+        -1, 3
+    )
     unseen = found[texels.texel[(texels.face > 0) & (texels.face < 6)]]
     torch.testing.assert_close(unseen, red.expand_as(unseen), atol=1e-3, rtol=0)
+
+
+def test_scalp_that_no_photograph_shows_has_a_darker_shade_of_the_hair_that_grows_there(generator):
+    """Along a strip: skin that is seen, skin that is not, red hair, hair that no photograph shows, and nothing."""
+    corners = torch.tensor([[float(k // 2), float(k % 2), 0.0] for k in range(42)])
+    quads = [[2 * k, 2 * k + 1, 2 * k + 2] for k in range(20)] + [[2 * k + 2, 2 * k + 1, 2 * k + 3] for k in range(20)]
+    body, atlas = Mesh(corners, torch.tensor(quads)), FaceAtlas(40, 20)
+    red, skin = torch.tensor([0.5, 0.1, 0.1]), torch.tensor([0.8, 0.6, 0.5])
+    roots = torch.rand(200, 3, generator=generator) * torch.tensor([8.0, 1.0, 0.01]) + torch.tensor([8.0, 0.0, 0.0])
+    photographed = (roots[:, 0] < 14).float()
+    strands = Strands(roots[:, None].repeat(1, 3, 1))
+    scalp = colours_under_hair(strands, photographed[:, None] * red, photographed, body)
+    assert (scalp[:, 3] > 0).tolist() == [8 <= k // 2 <= 14 for k in range(42)]
+    inner, shade = scalp[18:28], UNDER_HAIR * red
+    torch.testing.assert_close(inner, torch.cat([shade, torch.ones(1)]).expand_as(inner))
+    texels, column = atlas.texels(), atlas.texels().face % 20
+    weight, total = torch.zeros(atlas.size**2, 1), torch.zeros(atlas.size**2, 3)
+    seen = texels.texel[column < 4]
+    weight[seen], total[seen] = 50.0, 50.0 * skin
+    shape = (atlas.size, atlas.size, -1)
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body, scalp).view(-1, 3)[texels.texel]
+    for there, expected in ((column < 4, skin), ((column > 9) & (column < 13), shade), (column > 15, shade)):
+        torch.testing.assert_close(found[there], expected.expand(int(there.sum()), 3), atol=0.02, rtol=0)
+    between = found[(column >= 4) & (column < 8), 1]
+    assert shade[1] < between.min()
+    assert between.max() < skin[1]
 
 
 def test_first_colours_are_those_of_the_pixels(scene, generator):

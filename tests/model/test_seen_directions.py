@@ -27,11 +27,14 @@ def arc(last: int, height: float = 0.0) -> torch.Tensor:
 
 
 def test_near_photographs_nothing_turns():
-    for azimuth in (0, 37, 90, 119):
+    for azimuth in (0, 37, 90, 112):
         assert turn_to_seen(0.7 * direction(azimuth), arc(90)) is None
     assert turn_to_seen(direction(180), torch.zeros(0, 3)) is None
     ring = torch.stack([direction(azimuth) for azimuth in range(0, 360, 40)])
     assert turn_to_seen(direction(20), ring) is None
+    close = torch.stack([direction(azimuth) for azimuth in range(0, 25, 4)])
+    assert turn_to_seen(direction(-14.5), close) is None
+    assert turn_to_seen(direction(-17), close) is not None
 
 
 def test_no_photograph_turns(generator):
@@ -86,8 +89,8 @@ def test_a_camera_is_gradually_elsewhere():
     expected = smoothstep((beyond - 11.25) / 11.25).tolist()
     assert shares == pytest.approx(expected, abs=1e-3)
     # A single photograph: from half of the angle on from which directions turn.
-    assert [share_elsewhere(direction(angle), arc(0)) for angle in (14, 30)] == pytest.approx([0.0, 1.0], abs=1e-3)
-    assert 0.4 < share_elsewhere(direction(22.5), arc(0)) < 0.6
+    assert [share_elsewhere(direction(angle), arc(0)) for angle in (7, 15)] == pytest.approx([0.0, 1.0], abs=1e-3)
+    assert 0.4 < share_elsewhere(direction(11.25), arc(0)) < 0.6
 
 
 def test_appearance_changes_elsewhere_and_only_there(generator: torch.Generator):
