@@ -51,8 +51,11 @@ class FitWeights:
     head: Annotated[float, Between(0, 1e6)] = 1.0
     """Depth of strands inside the head."""
     first: Annotated[float, Between(0, 1e6)] = 0.05
-    """Distance of strands from where they started, if those were traced. Segments are sparse; without this term strands
-    gather at them and leave gaps in between."""
+    """Distance of points that views see from where they started, if strands were traced. Segments are sparse; without
+    this term strands gather at them and leave gaps in between."""
+    hidden: Annotated[float, Between(0, 1e6)] = 0.5
+    """The same of points that no view sees. They move only because seen points of the same strand, or of others that
+    share its texels, are pulled."""
     shape_from_image: Annotated[float, Between(0, 1e6)] = 0.05
     """Factor on the image and alpha gradients that reach the shape texture; 0 leaves the shape to the geometric
     loss."""

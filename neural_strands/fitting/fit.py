@@ -242,8 +242,8 @@ def _shape_part(state: FitState, data: FitData, config: FitConfig, workers: Work
     weights = config.weights
     total = weights.geometry * (losses.surface + losses.coverage) + weights.head * losses.head
     if config.initialise == "flow":
-        total = total + weights.first * losses.first
-    figures = {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first")}
+        total = total + weights.first * losses.first + weights.hidden * losses.hidden
+    figures = {name: getattr(losses, name).detach() for name in ("surface", "coverage", "head", "first", "hidden")}
     if data.streaks:
         streaks = _streak_part(state, data, strands, chosen.index, config, random)
         total, figures = total + weights.streaks * streaks, figures | {"streaks": streaks.detach()}

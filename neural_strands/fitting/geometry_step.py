@@ -22,13 +22,15 @@ class ShapeLosses:
         surface: distance of generated points from segments.
         coverage: distance of segments from generated points.
         head: depth inside the head.
-        first: distance of strands from where they started.
+        first: distance of points that views see from where they started.
+        hidden: the same of the other points.
     """
 
     surface: Float[Tensor, ""]
     coverage: Float[Tensor, ""]
     head: Float[Tensor, ""]
     first: Float[Tensor, ""]
+    hidden: Float[Tensor, ""]
 
 
 @dataclass(frozen=True)
@@ -87,10 +89,11 @@ def shape_losses(
     # The mean strand runs across most segments at first.
     chamfer = config.chamfer if config.initialise == "flow" else replace(config.chamfer, alike=180.0)
     everything = PointGrid.build(torch.cat([points.detach(), others]), chamfer.radius)
-    seen = seen[chosen.index].reshape(-1)
+    seen, first = seen[chosen.index], first[chosen.index]
     return ShapeLosses(
-        surface_loss(points, along, seen, everything, strands.shape[1], data.targets, chamfer),
+        surface_loss(points, along, seen.reshape(-1), everything, strands.shape[1], data.targets, chamfer),
         coverage_loss(points, along, everything, data.targets, targets, chamfer),
         head_penalty(strands, data.distance, config.clearance),
-        holding_loss(strands, first[chosen.index], chamfer.unit),
+        holding_loss(strands, first, seen, chamfer.unit),
+        holding_loss(strands, first, seen.logical_not(), chamfer.unit),
     )

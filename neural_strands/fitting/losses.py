@@ -153,10 +153,13 @@ def head_penalty(
 
 
 def holding_loss(
-    points: Float[Tensor, "strand point 3"], first: Float[Tensor, "strand point 3"], unit: float
+    points: Float[Tensor, "strand point 3"],
+    first: Float[Tensor, "strand point 3"],
+    held: Bool[Tensor, "strand point"],
+    unit: float,
 ) -> Float[Tensor, ""]:
-    """Mean squared distance of points from their start, in multiples of `unit`."""
-    return ((points - first) / unit).square().sum(dim=-1).mean()
+    """Squared distance of held points from their start, in multiples of `unit`, as a mean over all points."""
+    return (((points - first) / unit).square().sum(dim=-1) * held).mean()
 
 
 def _mean_misfit(

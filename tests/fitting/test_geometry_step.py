@@ -37,3 +37,19 @@ def test_segments_across_strands_pull_the_mean_strand_but_not_traced_ones(tmp_pa
 
     assert losses("flow") == (0.0, 0.0)
     assert min(losses("mean")) > 0.9
+
+
+def test_seen_and_hidden_points_are_held_apart(tmp_path, generator):
+    segments = true_segments(write_capture(tmp_path))
+    capture, config, cpu = Capture.load(tmp_path), tiny_config(), torch.device("cpu")
+    data = gather_fit_data(capture, find_head(capture), segments, config, cpu)
+    first = torch.randn(40, 6, 3, generator=generator)
+    moved = first + 0.01 * torch.randn(first.shape, generator=generator)
+    seen = torch.rand(40, 6, generator=generator) < 0.3
+    chosen = StepStrands.drawn(40, 25, generator, cpu)
+    targets = torch.arange(len(data.targets.points))
+    found = shape_losses(moved[chosen.index], chosen, moved, first, seen, data, targets, config)
+    squared = ((moved - first) / config.chamfer.unit).square().sum(dim=2)[chosen.index]
+    share = seen[chosen.index]
+    torch.testing.assert_close(found.first, squared[share].sum() / share.numel())
+    torch.testing.assert_close(found.hidden, squared[~share].sum() / share.numel())

@@ -173,5 +173,8 @@ def test_holding_is_the_mean_squared_distance_in_units():
     moved = first.clone()
     moved[0, 1] = torch.tensor([0.003, 0.0, -0.004])
     # 5 mm in units of 2 mm, squared, at one of six points.
-    assert float(holding_loss(moved, first, 0.002)) == pytest.approx(2.5**2 / 6, rel=1e-5)
-    assert float(holding_loss(first, first, 0.002)) == 0.0
+    held = torch.ones(2, 3, dtype=torch.bool)
+    assert float(holding_loss(moved, first, held, 0.002)) == pytest.approx(2.5**2 / 6, rel=1e-5)
+    assert float(holding_loss(first, first, held, 0.002)) == 0.0
+    held[0, 1] = False
+    assert float(holding_loss(moved, first, held, 0.002)) == 0.0

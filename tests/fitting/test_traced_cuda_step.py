@@ -87,6 +87,6 @@ def test_the_losses_of_a_shape_step_stay_on_the_device():
         row = torch.full((len(remembered),), -1, device="cuda")
         turned = streak_loss(strands, row, [streaks], [segments], 200, random)
         assert not waits
-        for loss in (losses.surface, losses.coverage, losses.head, losses.first, turned):
+        for loss in (losses.surface, losses.coverage, losses.head, losses.first, losses.hidden, turned):
             assert loss.device.type == "cuda"
             assert loss.shape == ()
