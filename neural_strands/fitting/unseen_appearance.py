@@ -5,6 +5,9 @@ coloured patches. So do those of hair at the edge of what views see: a few pixel
 shadow, do not tell how it looks from where it faces, and where masks are a little too wide, pixels at their border show
 the background. Seen from the photographs, though, they look right; only cameras elsewhere see its neighbours' look.
 
+Neighbours tell the colour of a region and not how strands differ within it: what is filled in is smooth. So it also
+takes the fine detail of small patches of texels that were learned elsewhere.
+
 Sampling the texture is linear, so its transpose, which autograd computes, takes the line pixels of all photographs back
 to the texels that they read.
 """
@@ -23,6 +26,7 @@ from neural_strands.geometry.strands import Strands
 from neural_strands.geometry.views import View, Views
 from neural_strands.model.hair_model import HairModel
 from neural_strands.raster.dilation import widen
+from neural_strands.raster.texture import blur_texture
 from neural_strands.raster.visible import interpolate_knots, visible_points
 
 ENOUGH, ENOUGH_UNSEEN = 4.0, 256.0
@@ -31,6 +35,9 @@ several views, and where it does not."""
 FACING = 0.35
 """A view shows how hair looks only if the cosine between the direction out of the head and that to the camera exceeds
 this."""
+PATCH, FINE, ODD = 3, 1 / 40, 2.0
+"""Side of a patch in texels, the standard deviation of the Gaussian that separates detail from colour, in sides of the
+texture, and the largest detail, in its standard deviations: a single bright patch shows as a white strand."""
 BORDER = 6
 """Pixels from the border of the hair mask within which line pixels do not count where hair does not face several
 views."""
@@ -66,10 +73,11 @@ def fill_unseen_appearance(
     trust, count = sums.chunk(2, dim=2)
     learned = (count >= ENOUGH).to(trust)
     own = textures.appearance.detach().unflatten(2, (textures.knots, -1))
-    own.copy_(_filled(own, learned))
+    far = with_detail(_filled(own, learned * trust), learned * trust)
+    own.copy_(with_detail(_filled(own, learned), learned))
     for change in textures.view.unflatten(3, (textures.knots, -1)):
         change.copy_(_filled(change, learned))
-    textures.elsewhere.copy_((_filled(own, learned * trust) - own).flatten(2))
+    textures.elsewhere.copy_((far - own).flatten(2))
 
 
 def _filled(
@@ -78,6 +86,37 @@ def _filled(
     """Each knot's values, filled where they are not trusted; a knot that is trusted nowhere keeps its own."""
     knots = zip(values.unbind(dim=2), trust.unbind(dim=2), strict=True)
     return torch.stack([pull_push(own, sure) if bool((sure > 0).any()) else own for own, sure in knots], dim=2)
+
+
+def with_detail(
+    filled: Float[Tensor, "height width knot feature"], trust: Float[Tensor, "height width knot"]
+) -> Float[Tensor, "height width knot feature"]:
+    """Give texels that are not trusted the fine detail of those whose knots are all trusted, patch by patch.
+
+    Args:
+        filled: values of all texels, smooth where they are not trusted.
+        trust: below 1, knots have that share of their own values, and take the rest of the detail.
+    """
+    height, width = filled.shape[:2]
+    trust = trust.clamp(max=1.0)
+    whole = (trust >= 1).all(dim=2)
+    places = whole.nonzero()
+    if len(places) == 0:
+        return filled
+    sure = whole[..., None].to(filled)
+    blurred = blur_texture(torch.cat([filled.flatten(2) * sure, sure], dim=2), FINE * width)
+    smooth = blurred[..., :-1] / blurred[..., -1:].clamp(min=1e-6)
+    detail = (filled.flatten(2) - smooth) * sure
+    largest = ODD * detail[whole].square().mean(dim=0).sqrt()
+    detail = detail.clamp(-largest, largest).view_as(filled)
+    rows, columns = (torch.arange(size, device=filled.device) for size in (height, width))
+    patches = (-(-height // PATCH), -(-width // PATCH))
+    # Drawn on the CPU: the same on every device.
+    drawn = torch.randint(len(places), patches, generator=torch.Generator().manual_seed(0)).to(filled.device)
+    corner = places[drawn[rows // PATCH][:, columns // PATCH]]
+    row = (corner[..., 0] + (rows % PATCH)[:, None]).clamp(max=height - 1)
+    column = (corner[..., 1] + columns % PATCH).clamp(max=width - 1)
+    return filled + (1 - trust)[..., None] * detail[row, column]
 
 
 @torch.enable_grad()
