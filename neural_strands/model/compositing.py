@@ -12,12 +12,6 @@ from neural_strands.raster.splat import MINIMUM_WEIGHT
 
 REACH = 6
 """Distance from the strands, in pixels, up to which the network may add hair."""
-LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
-"""Initial opacity of a pixel without any strand in or beside it, and of one among covered pixels that has little hair
-around it.
-
-With a higher value for pixels without strands, a rim would show around the hair; with a lower one, gaps would hardly
-learn to close."""
 DENSEST = 0.995
 """Mean coverage above which `surrounding_odds` grows no more."""
 COVERED, BESIDE = 0.001, 0.02
@@ -27,21 +21,13 @@ CONTEXT = 14
 """Pixels beyond the farthest that may show hair which the image generator also sees."""
 
 
-def initial_odds(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
-    """Logit of the opacity that the image generator corrects, from the coverage of pixels by strands.
-
-    The mean of 3 x 3 pixels: single pixels alternate between full and empty along the outline of thin strands, and the
-    outline of the hair would be dotted.
-    """
-    return torch.logit(_mean_of_square(coverage, 1).clamp(LEAST_OPACITY, MOST_OPACITY)) + surrounding_odds(coverage)
-
-
 def surrounding_odds(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
     """Logit of the mean coverage of 5 x 5 pixels where that is above a half, and 0 elsewhere.
 
     Fewer strands are drawn than grow on a head, so dense hair has small gaps where a photograph has none.
     """
-    return torch.logit(_mean_of_square(coverage, 2).clamp(0.5, DENSEST))
+    mean = F.avg_pool2d(coverage[None, None], 5, stride=1, padding=2, count_include_pad=False)[0, 0]
+    return torch.logit(mean.clamp(0.5, DENSEST))
 
 
 def near_hair(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height width"]:
@@ -52,12 +38,6 @@ def near_hair(coverage: Float[Tensor, "height width"]) -> Float[Tensor, "height 
     near = (_sum_around((coverage > 0).to(coverage.dtype), 2 * REACH) > 0).to(coverage.dtype)
     down, across = (_places_around(size, near) for size in near.shape)
     return _sum_around(near, REACH) / (down[:, None] * across)
-
-
-def _mean_of_square(image: Float[Tensor, "height width"], reach: int) -> Float[Tensor, "height width"]:
-    """Mean over the square of pixels up to `reach` away, as far as it lies in the image."""
-    side = 2 * reach + 1
-    return F.avg_pool2d(image[None, None], side, stride=1, padding=reach, count_include_pad=False)[0, 0]
 
 
 def _sum_around(image: Float[Tensor, "height width"], reach: int) -> Float[Tensor, "height width"]:

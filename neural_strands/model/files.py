@@ -23,7 +23,7 @@ CONFIG_NAME = "config.json"
 MODEL_NAME = "model"
 """Name of the model's folder inside a run."""
 WEIGHTS_NAME = "model.safetensors"
-FORMAT = 13
+FORMAT = 12
 """Version of the folder's layout and of what the networks see."""
 ADVICE = "copy the folder again or fit anew"
 SHAPES = {

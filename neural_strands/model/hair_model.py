@@ -23,13 +23,12 @@ from neural_strands.geometry.mesh import Mesh
 from neural_strands.geometry.rectangle import Rectangle
 from neural_strands.geometry.strands import Strands
 from neural_strands.model.compositing import (
-    LEAST_OPACITY,
     between_lines,
     compose,
     filled_from_coarser,
     hair_rectangle,
-    initial_odds,
     near_hair,
+    surrounding_odds,
     weighted_gradient,
 )
 from neural_strands.model.grain import Grain
@@ -51,6 +50,11 @@ from neural_strands.raster.splat import SplatMap, splat_pyramid
 from neural_strands.raster.visible import Room, VisiblePoints, interpolate_knots, visible_points
 from neural_strands.scalp.roots import Roots
 
+LEAST_OPACITY, MOST_OPACITY = 0.006, 0.95
+"""Initial opacity of a pixel without any strand, and of a fully covered one that has little hair around it.
+
+With a higher value for pixels without strands, a rim would show around the hair; with a lower one, gaps would hardly
+learn to close."""
 ODDS_SCALE = 0.2
 """Factor on the logit of coverage that the image generator sees, so that it is about as large as its other inputs."""
 
@@ -306,7 +310,8 @@ class HairModel(nn.Module):
             camera = camera.cropped(part.left, part.top, part.width, part.height)
         raw = self.generate(maps, camera, turn)
         coverage = maps[0].coverage / self.config.supersample**2
-        alpha = torch.sigmoid(raw[..., 3] + initial_odds(coverage)) * near_hair(coverage.detach())
+        start = torch.logit(coverage.clamp(LEAST_OPACITY, MOST_OPACITY)) + surrounding_odds(coverage)
+        alpha = torch.sigmoid(raw[..., 3] + start) * near_hair(coverage.detach())
         return part.padded(torch.cat([to_linear(raw[..., :3]), alpha[..., None]], dim=2), height, width)
 
     def generate(

@@ -10,13 +10,10 @@ from neural_strands.model.compositing import (
     CONTEXT,
     COVERED,
     DENSEST,
-    LEAST_OPACITY,
-    MOST_OPACITY,
     REACH,
     area_mean,
     between_lines,
     hair_rectangle,
-    initial_odds,
     near_hair,
     surrounding_odds,
 )
@@ -58,25 +55,6 @@ def test_dense_hair_raises_the_odds_of_its_gaps():
     expected = [[math.log(mean / (1 - mean)) if mean > 0.5 else 0.0 for mean in row] for row in means.tolist()]
     torch.testing.assert_close(odds, torch.tensor(expected))
     assert surrounding_odds(torch.ones(6, 7)).allclose(torch.tensor(math.log(DENSEST / (1 - DENSEST))))
-
-
-def test_opacity_starts_from_the_mean_coverage_of_neighbours():
-    coverage = torch.zeros(12, 20)
-    coverage[:, 10:] = torch.rand(12, 10, generator=torch.Generator().manual_seed(0)) * 0.6
-    found = initial_odds(coverage)
-    means = torch.tensor(
-        [[float(coverage[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].mean()) for x in range(20)] for y in range(12)]
-    )
-    torch.testing.assert_close(found, torch.logit(means.clamp(min=LEAST_OPACITY)))
-    assert found[:, :9].sigmoid().allclose(torch.tensor(LEAST_OPACITY))
-    # Every other pixel of an outline is full, as those of a thin strand may be, and opacity does not alternate.
-    coverage = torch.zeros(9, 30)
-    coverage[4:] = 1.0
-    coverage[4, ::2] = 0.0
-    opacity = initial_odds(coverage).sigmoid()
-    assert (opacity[4, 2:-2:2] - opacity[4, 3:-1:2]).abs().max() < 0.2
-    dense = math.log(MOST_OPACITY / (1 - MOST_OPACITY)) + math.log(DENSEST / (1 - DENSEST))
-    assert initial_odds(torch.ones(6, 7)).allclose(torch.tensor(dense))
 
 
 def test_the_rectangle_of_hair_holds_all_that_hair_can_reach():

@@ -20,7 +20,7 @@ from neural_strands.raster.lines import LineConfig
 from neural_strands.scalp.roots import Roots
 
 STRANDS, POINTS = 400, 101
-AWAY = 9
+AWAY = 8
 """Rows above the cut that the image generator mixes with what lies below it."""
 
 

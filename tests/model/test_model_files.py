@@ -47,7 +47,7 @@ CONFIGS = {
     "nested": ("[" * 100_000, "nested too deeply"),
     "list": ("[]", "expected an object"),
     "no format": ({"format": None}, "a value under 'format'"),
-    "other format": ({"format": "9"}, "format: expected 13, found '9'; use the version"),
+    "other format": ({"format": "9"}, "format: expected 12, found '9'; use the version"),
     "odd latent": ({"generator": {"latent": 1}}, "coupling layers need an even latent, found 1"),
     "layers": ({"generator": {"layers": 2**63}}, r"generator\.layers: expected a whole number from 0 to 64"),
     "warps": ({"generator": {"synthesiser": {"warps": 10**7}}}, r"generator\.synthesiser\.warps: expected a whole"),
