@@ -209,23 +209,27 @@ def _light_of_hair(
 def colours_under_hair(
     strands: Strands, colour: Float[Tensor, "strand 3"], weight: Float[Tensor, " strand"], body: Mesh
 ) -> Float[Tensor, "vertex 4"]:
-    """Colours of the scalp between roots, a darker shade of the hair that grows there, with their weights.
+    """Colours of the scalp between roots: a darker shade of the hair that grows there.
 
     Args:
         strands: world metres.
         colour: linear, of each strand.
-        weight: zero for strands that no photograph shows, which do not count.
+        weight: zero for strands that no photograph shows; where they grow, the colours around continue.
         body: the mesh on which the strands grow.
 
     Returns:
-        weighted colour and weight of each vertex; the weight is 1 where at least one strand grows.
+        colour of each vertex, and its share of scalp between roots, from 0 to 1; all shares are 0 if no photograph
+        shows a strand.
     """
-    known = weight > TINY
-    found, sums = closest_points(strands.points[known, 0], body), colour.new_zeros(len(body.vertices), 4)
-    values = torch.cat([UNDER_HAIR * colour, torch.ones_like(weight)[:, None]], dim=1)[known]
+    known = (weight > TINY).to(colour)[:, None]
+    found, sums = closest_points(strands.points[:, 0], body), colour.new_zeros(len(body.vertices), 5)
+    values = torch.cat([known * UNDER_HAIR * colour, known, torch.ones_like(known)], dim=1)
     for corner, share in enumerate(found.barycentric.unbind(dim=1)):
         sums.index_add_(0, body.faces[found.face, corner], share[:, None] * values)
-    return sums / sums[:, 3:].clamp(min=1.0)
+    shown = sums[:, 3]
+    shade = extend_over_mesh(sums[:, :3] / shown.clamp(min=TINY)[:, None], shown.clamp(max=1.0), body)
+    rooted = sums[:, 4:].clamp(max=1.0) * shown.any()
+    return torch.cat([shade, rooted], dim=1)
 
 
 def body_texture(
@@ -244,7 +248,7 @@ def body_texture(
         weight: sums of weights, in pixels; more than zero for at least one texel.
         atlas: where the faces lie in the texture.
         body: the mesh whose texture it is.
-        scalp: `colours_under_hair`, for vertices that less than a pixel shows.
+        scalp: `colours_under_hair`, for vertices that less than a pixel shows; only skin continues around it.
     """
     texels = atlas.texels()
     texel, face, share = (part.to(total.device) for part in (texels.texel, texels.face, texels.barycentric))
@@ -253,9 +257,9 @@ def body_texture(
     at_vertices = values.new_zeros(len(body.vertices), 4)
     for corner in range(3):
         at_vertices.index_add_(0, corners[:, corner], share[:, corner, None] * values[texel])
-    at_vertices += (1 - at_vertices[:, 3:]).clamp(min=0.0) * scalp
     seen = at_vertices[:, 3]
     colour = extend_over_mesh(at_vertices[:, :3] / seen.clamp(min=TINY)[:, None], seen.clamp(max=1.0), body)
+    colour = torch.lerp(colour, scalp[:, :3], (scalp[:, 3] * (1 - seen).clamp(min=0.0))[:, None])
     around = (colour[corners] * share[..., None]).sum(dim=1)
     values[texel, :3] += FROM_CORNERS * around
     values[texel, 3:] += FROM_CORNERS
