@@ -58,22 +58,21 @@ def initialise_colours(model: HairModel, strands: Strands, targets: Views | Sequ
         strands: world metres, with `root_uv`.
         targets: photographs; those with a mask separate hair from the rest.
     """
-    hair = photographed_colours(model, strands, targets)
-    _body(model, strands, targets, hair)
+    colour, weight = photographed_colours(model, strands, targets)
+    _body(model, strands, targets, colour, weight)
     _background(model, strands, targets)
-    _hair_texture(model, strands, hair)
+    _hair_texture(model, strands, colour, weight)
 
 
 def initialise_hair_colours(model: HairModel, strands: Strands, targets: Views | Sequence[View]) -> None:
     """Initialise the first three channels of Z_a to the hair's colour; arguments as for `initialise_colours`."""
-    _hair_texture(model, strands, photographed_colours(model, strands, targets))
+    _hair_texture(model, strands, *photographed_colours(model, strands, targets))
 
 
 def _hair_texture(
-    model: HairModel, strands: Strands, hair: tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]]
+    model: HairModel, strands: Strands, colour: Float[Tensor, "strand 3"], weight: Float[Tensor, " strand"]
 ) -> None:
     """Set the first three channels of Z_a to the `photographed_colours` of the strands."""
-    colour, weight = hair
     seen = weight > TINY
     if strands.root_uv is None or not seen.any() or model.config.textures.appearance_channels < 3:
         return
@@ -136,7 +135,8 @@ def _body(
     model: HairModel,
     strands: Strands,
     targets: Views | Sequence[View],
-    hair_colours: tuple[Float[Tensor, "strand 3"], Float[Tensor, " strand"]],
+    hair_colour: Float[Tensor, "strand 3"],
+    hair_weight: Float[Tensor, " strand"],
 ) -> None:
     """Set each texel of the body to the mean of the pixels that show it; see `body_texture` for the others.
 
@@ -160,7 +160,7 @@ def _body(
         weights += weighted_gradient(shown, part * squarely, colours)
     with torch.no_grad():
         if weights.sum() > TINY:
-            scalp = colours_under_hair(strands, *hair_colours, model.body.mesh)
+            scalp = colours_under_hair(strands, hair_colour, hair_weight, model.body.mesh)
             texture = body_texture(sums, weights[..., :1], model.body.atlas, model.body.mesh, scalp)
             colours.copy_(texture.clamp(min=0.0))
 

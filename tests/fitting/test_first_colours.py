@@ -98,9 +98,7 @@ def test_texels_that_no_pixel_shows_take_the_colour_at_the_corners_of_their_face
     total = weight * colour
     speck = texels.texel[texels.face == 1][5]
     weight[speck], total[speck] = 0.05, torch.tensor([0.05, 0.0, 0.0])
-    found = body_texture(total.view(shape), weight.view(shape), atlas, body, torch.zeros(len(body.vertices), 4)).view(
-        -1, 3
-    )
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body, bare(body)).view(-1, 3)
     others = texels.texel[texels.texel != speck]
     assert (found[others] - colour).abs().max() < 0.01
     assert (found[speck] - colour).abs().max() < 0.2
@@ -120,9 +118,7 @@ def test_where_nothing_is_seen_the_body_continues_what_lies_around():
         there = texels.texel[texels.face == face]
         weight[there], total[there] = 50.0, 50.0 * colour
     shape = (atlas.size, atlas.size, -1)
-    found = body_texture(total.view(shape), weight.view(shape), atlas, body, torch.zeros(len(body.vertices), 4)).view(
-        -1, 3
-    )
+    found = body_texture(total.view(shape), weight.view(shape), atlas, body, bare(body)).view(-1, 3)
     unseen = found[texels.texel[(texels.face > 0) & (texels.face < 6)]]
     torch.testing.assert_close(unseen, red.expand_as(unseen), atol=1e-3, rtol=0)
 
@@ -195,6 +191,11 @@ def test_hair_does_not_colour_the_background_behind_it(scene, matte):
     targets = [painted(model, strands, camera, torch.zeros(STRANDS, 3)) for camera in cameras]
     initialise_colours(model, strands, [masked(target, matte) for target in targets])
     torch.testing.assert_close(model.background.colour, BLUE.expand_as(model.background.colour))
+
+
+def bare(body: Mesh) -> torch.Tensor:
+    """What `colours_under_hair` returns where nothing grows."""
+    return torch.zeros(len(body.vertices), 4)
 
 
 def masked(target: View, matte: float | None) -> View:
